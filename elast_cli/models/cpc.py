@@ -1,0 +1,73 @@
+"""Contrastive predictive coding: what trains φ together with h_f (Eq. 3, 4)."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from elast_cli.config import StrictModel
+from elast_cli.models.dynamics import ForwardModel, LatentScale
+from elast_cli.models.encoder import Encoder, EncoderConfig
+from elast_cli.models.nets import QuantileTable
+
+
+class CpcConfig(StrictModel):
+    """The objective of Eq. 4; k and K_h are not stated in the paper's main text."""
+
+    horizon: int = Field(default=3, ge=1, le=20)
+    consistency_weight: float = Field(default=1.0, ge=0)
+    dynamics_width: int = Field(default=128, gt=0)
+
+
+def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
+    """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from [M,Z] predictions and futures.
+
+    Row i's positive is future i; the other rows' futures are its negatives.
+    """
+    logits = -torch.cdist(prediction, future).square()
+    return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
+
+
+class Representation(nn.Module):
+    """φ and h_f, trained together, with the statistics of the latents they produce."""
+
+    def __init__(
+        self, encoder: EncoderConfig, cpc: CpcConfig, action_size: int, context_size: int
+    ) -> None:
+        super().__init__()
+        self.encoder = Encoder(encoder, context_size)
+        self.dynamics = ForwardModel(
+            encoder.latent_size, action_size, context_size, cpc.dynamics_width
+        )
+        self.scale = LatentScale(encoder.latent_size)
+        self.step_length_quantiles = QuantileTable()
+
+    def step_length(self, probability: float) -> float:
+        """Length in latent units below which a share `probability` of observed steps lies."""
+        return self.step_length_quantiles.at(probability)
+
+
+def cpc_loss(
+    model: Representation, features: Tensor, actions: Tensor, context: Tensor, config: CpcConfig
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Loss of Eq. 4 and its parts.
+
+    Args:
+        model: φ and h_f.
+        features: preprocessed stacks [M, k+1, F, 3, S, S].
+        actions: [M, k, A].
+        context: [M, C].
+        config: k and K_h.
+    """
+    m, steps = features.shape[0], features.shape[1]
+    flat = features.flatten(0, 1)
+    z = model.encoder(flat, context.repeat_interleave(steps, 0)).unflatten(0, (m, steps))
+    predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
+    for i in range(config.horizon):
+        predicted = model.dynamics(predicted, actions[:, i], context)
+        consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
+    contrast = info_nce(predicted, z[:, -1])
+    total = contrast + config.consistency_weight * consistency
+    return total, {"info_nce": contrast, "consistency": consistency}

@@ -1,0 +1,109 @@
+"""Transition density ψ by noise-contrastive estimation (Sec. 4.2), and the data's support."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from elast_cli.config import StrictModel
+from elast_cli.models.dynamics import LatentScale
+from elast_cli.models.nets import QuantileTable, mlp
+
+
+class DensityConfig(StrictModel):
+    """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text."""
+
+    width: int = Field(default=128, gt=0)
+    noise_ratio: int = Field(default=10, ge=1)
+    noise_scale: float = Field(default=1.0, gt=0)
+    support_size: int = Field(default=10_000, ge=100)
+
+
+def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
+    """Negative NCE objective (Eq. 2): scalar. Inputs [M] in nats; is_data bool [M]."""
+    margin = log_model - log_noise - math.log(noise_ratio)  # ln(m / (1 - m)), Eq. 1
+    data = functional.softplus(-margin[is_data]).mean()
+    noise = functional.softplus(margin[~is_data]).mean()
+    return data + noise_ratio * noise
+
+
+class TransitionDensity(nn.Module):
+    """ψ: log density of a latent transition given its source, ln p(z' | z, c), in nats.
+
+    The network's output is the log ratio to the noise N(z, Σ), Σ = diag(step²), so
+    `log_density` adds ln p_n. Its first layer is linear in z and z', so a node's two
+    contributions can be computed once and a pair costs only the later layers.
+    """
+
+    def __init__(self, config: DensityConfig, latent_size: int, context_size: int) -> None:
+        super().__init__()
+        self.config = config
+        self.latent_size = latent_size
+        self.scale = LatentScale(latent_size)
+        self.first = nn.Linear(2 * latent_size + context_size, config.width)
+        self.rest = nn.Sequential(nn.ReLU(), mlp([config.width, config.width, 1]))
+        self.log_density_quantiles = QuantileTable()
+
+    def noise_std(self) -> Tensor:
+        """Standard deviation [Z] of the noise about a transition's source."""
+        return self.scale.step * self.config.noise_scale
+
+    def log_noise(self, z: Tensor, z_next: Tensor) -> Tensor:
+        """ln p_n(z' | z) [M] of the Gaussian noise (Fig. 3)."""
+        std = self.noise_std()
+        distance = ((z_next - z) / std).square().sum(-1)
+        constant = 2 * torch.log(std).sum() + self.latent_size * math.log(2 * math.pi)
+        return -0.5 * (distance + constant)
+
+    def features(self, z: Tensor, context: Tensor) -> Tensor:
+        """A node's part of the first layer as source, as target, and its scaled latent [M,2W+Z]."""
+        w_state, w_step, w_context = self.first.weight.split(
+            [self.latent_size, self.latent_size, context.shape[1]], dim=1
+        )
+        scaled = z / self.noise_std()
+        towards = scaled @ w_step.T
+        away = self.scale(z) @ w_state.T + context @ w_context.T + self.first.bias - towards
+        return torch.cat([away, towards, scaled], dim=1)
+
+    def log_ratio_from_hidden(self, hidden: Tensor) -> Tensor:
+        """ln p_m - ln p_n [M] from the first layer's pre-activation [M,W]."""
+        out: Tensor = self.rest(hidden)
+        return out.squeeze(-1)
+
+    def log_ratio(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
+        """G of Eq. 1, ln p_m - ln p_n [M], from [M,Z], [M,Z], [M,C]."""
+        x = torch.cat([self.scale(z), (z_next - z) / self.noise_std(), context], dim=1)
+        return self.log_ratio_from_hidden(self.first(x))
+
+    def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
+        """Log density ln p(z' | z, c) [M] in nats."""
+        return self.log_ratio(z, z_next, context) + self.log_noise(z, z_next)
+
+
+class Support(nn.Module):
+    """Encoded training states: a latent far from all of them is outside the data's support."""
+
+    latents: Tensor
+    rows: Tensor
+    states: Tensor
+
+    def __init__(self, size: int, latent_size: int, state_size: int) -> None:
+        super().__init__()
+        self.register_buffer("latents", torch.zeros(size, latent_size))
+        self.register_buffer("rows", torch.zeros(size, dtype=torch.int64))
+        self.register_buffer("states", torch.zeros(size, state_size))
+        self.distance_quantiles = QuantileTable()
+
+    def distance(self, z: Tensor) -> Tensor:
+        """Euclidean distance [M] of each latent [M,Z] to its nearest training latent."""
+        parts = [torch.cdist(part, self.latents).amin(1) for part in z.split(2048)]
+        return torch.cat(parts)
+
+    def nearest(self, z: Tensor) -> Tensor:
+        """Index [M] of the nearest training latent: decodes latents for people to look at."""
+        parts = [torch.cdist(part, self.latents).argmin(1) for part in z.split(2048)]
+        return torch.cat(parts)

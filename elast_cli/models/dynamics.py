@@ -1,0 +1,91 @@
+"""Latent dynamics: the forward model h_f trained with φ, and the ensemble H_f (Sec. 4.1, 4.3)."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from elast_cli.config import StrictModel
+from elast_cli.models.nets import EnsembleLinear, QuantileTable, mlp
+
+
+class EnsembleConfig(StrictModel):
+    """Size of H_f; m is not stated in the paper's main text."""
+
+    members: int = Field(default=5, ge=1)
+    width: int = Field(default=128, gt=0)
+
+
+class ForwardModel(nn.Module):
+    """h_f: next latent as a residual, z + f(z, a, c)."""
+
+    def __init__(self, latent_size: int, action_size: int, context_size: int, width: int) -> None:
+        super().__init__()
+        self.net = mlp([latent_size + action_size + context_size, width, width, latent_size])
+
+    def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
+        """[M,Z], [M,A], [M,C] -> [M,Z]."""
+        delta: Tensor = self.net(torch.cat([z, action, context], dim=1))
+        return z + delta
+
+
+class LatentScale(nn.Module):
+    """Statistics of the training latents that make the later models' inputs of order one."""
+
+    mean: Tensor
+    std: Tensor
+    step: Tensor
+
+    def __init__(self, latent_size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(latent_size))
+        self.register_buffer("std", torch.ones(latent_size))
+        self.register_buffer("step", torch.ones(latent_size))
+
+    def fit(self, z: Tensor, z_next: Tensor) -> None:
+        """Set mean and deviation [Z] of latents and the root mean square [Z] of observed steps."""
+        self.mean.copy_(z.mean(0))
+        self.std.copy_(z.std(0).clamp_min(1e-6))
+        self.step.copy_((z_next - z).square().mean(0).sqrt().clamp_min(1e-6))
+
+    def forward(self, z: Tensor) -> Tensor:
+        """Standardise latents [..., Z]."""
+        return (z - self.mean) / self.std
+
+
+class DynamicsEnsemble(nn.Module):
+    """H_f: the mean of m forward models, and their disagreement as predictive variance."""
+
+    def __init__(
+        self, config: EnsembleConfig, latent_size: int, action_size: int, context_size: int
+    ) -> None:
+        super().__init__()
+        self.config = config
+        n_in = latent_size + action_size + context_size
+        width, members = config.width, config.members
+        self.scale = LatentScale(latent_size)
+        self.layers = nn.ModuleList(
+            [
+                EnsembleLinear(members, n_in, width),
+                EnsembleLinear(members, width, width),
+                EnsembleLinear(members, width, latent_size),
+            ]
+        )
+        self.variance_quantiles = QuantileTable()
+
+    def members(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
+        """Every member's step in units of `scale.step`: [M,Z], ... or [E,M,Z], ... -> [E,M,Z]."""
+        x = torch.cat([self.scale(z), action, context], dim=-1)
+        if x.dim() == 2:
+            x = x.expand(self.config.members, -1, -1)
+        x = torch.relu(self.layers[0](x))
+        x = torch.relu(self.layers[1](x))
+        out: Tensor = self.layers[2](x)
+        return out
+
+    def forward(self, z: Tensor, action: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean next latent [M,Z] and the variance summed over dimensions [M], in latent units²."""
+        steps = self.members(z, action, context) * self.scale.step
+        spread = (steps - steps.mean(0)).square().sum(-1).mean(0)
+        return z + steps.mean(0), spread

@@ -1,0 +1,416 @@
+"""What each learned part is trained on: batches, losses, held-out metrics and calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from elast_cli.config import StrictModel
+from elast_cli.dataset import Dataset
+from elast_cli.fit import FitConfig, fit
+from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
+from elast_cli.models.density import DensityConfig, Support, TransitionDensity, nce_loss
+from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
+from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.policy import LocalPolicy, PolicyConfig
+from elast_cli.probe import probe_state
+from elast_cli.progress import Progress
+from elast_cli.seeding import derived_seed, generator
+from elast_cli.shapes import Int64
+
+VALIDATION_ROWS = 2048
+STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
+
+
+class EncoderStage(StrictModel):
+    """Everything `train-encoder` needs."""
+
+    net: EncoderConfig = EncoderConfig()
+    cpc: CpcConfig = CpcConfig()
+    fit: FitConfig = FitConfig(steps=1500, batch_size=256)
+
+
+class EnsembleStage(StrictModel):
+    """Everything `train-ensemble` needs."""
+
+    net: EnsembleConfig = EnsembleConfig()
+    fit: FitConfig = FitConfig(steps=1500, batch_size=512)
+
+
+class DensityStage(StrictModel):
+    """Everything `train-density` needs."""
+
+    net: DensityConfig = DensityConfig()
+    fit: FitConfig = FitConfig(steps=2500, batch_size=512)
+
+
+class PolicyStage(StrictModel):
+    """Everything `train-policy` needs."""
+
+    net: PolicyConfig = PolicyConfig()
+    fit: FitConfig = FitConfig(steps=1500, batch_size=512)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained module with its training curve and final metrics."""
+
+    module: nn.Module
+    curve: list[dict[str, float]]
+    metrics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where and how a training runs; the same for every part."""
+
+    seed: int
+    work: Path
+    device: torch.device
+    progress: Progress
+    validation_share: float = 0.1
+
+
+def seed_torch(seed: int, stage: str) -> None:
+    """Make the initial weights a function of (seed, stage)."""
+    torch.manual_seed(derived_seed("train", seed, STAGES[stage]))
+
+
+# --- encoder ---------------------------------------------------------------------------------
+
+
+class FrameWindows:
+    """Stacks of consecutive states cut from a dataset: frames preprocessed once, stacked by index."""
+
+    def __init__(self, dataset: Dataset, features: Tensor, context: Tensor) -> None:
+        self.features, self.context = features, context  # [N,3,S,S], [E,C]
+        self.actions = torch.from_numpy(dataset.action).to(features.device)
+        self.episode = np.repeat(np.arange(dataset.episodes), dataset.ep_len)  # [N]
+        self.first = dataset.ep_offset[self.episode]  # [N]
+
+    def stacks(self, rows: Int64) -> Tensor:
+        """Preprocessed stacks [M,...,F,3,S,S] of the states at `rows` [M,...]."""
+        back = np.arange(-2, 1)
+        index = np.maximum(rows[..., None] + back, self.first[rows][..., None])
+        return self.features[torch.from_numpy(index).to(self.features.device)]
+
+    def contexts(self, rows: Int64) -> Tensor:
+        """Context vectors [M,C] of the episodes that `rows` [M] lie in."""
+        return self.context[torch.from_numpy(self.episode[rows]).to(self.context.device)]
+
+    def window(self, rows: Int64, horizon: int) -> tuple[Tensor, Tensor, Tensor]:
+        """States [M,k+1,...], actions [M,k,A] and contexts [M,C] from each of `rows` on."""
+        steps = rows[:, None] + np.arange(horizon + 1)
+        actions = self.actions[torch.from_numpy(steps[:, :-1]).to(self.actions.device)]
+        return self.stacks(steps), actions, self.contexts(rows)
+
+
+def train_encoder(
+    dataset: Dataset, context: Tensor, stage: EncoderStage, setting: Setting
+) -> Trained:
+    """Train φ and h_f on Eq. 4, then measure the latents: step lengths, probes of the true state.
+
+    Args:
+        dataset: random interaction data.
+        context: context vector of each episode [E,C].
+        stage: configuration.
+        setting: seed, device, folder.
+    """
+    seed_torch(setting.seed, "encoder")
+    action_size = dataset.action.shape[1]
+    model = Representation(stage.net, stage.cpc, action_size, context.shape[1]).to(setting.device)
+    train, val = dataset.split(setting.validation_share, setting.seed)
+    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels)).to(setting.device)
+    windows = FrameWindows(dataset, features, context.to(setting.device))
+    horizon = stage.cpc.horizon
+    starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
+    sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
+    model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
+    check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+
+    def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
+        rows = starts[rng.integers(len(starts), size=stage.fit.batch_size)]
+        return cpc_loss(model, *windows.window(rows, horizon), stage.cpc)
+
+    def validate() -> dict[str, float]:
+        parts = [
+            cpc_loss(model, *windows.window(rows, horizon), stage.cpc)[1]
+            for rows in np.array_split(check, max(1, len(check) // stage.fit.batch_size))
+        ]
+        return {k: float(torch.stack([p[k] for p in parts]).mean()) for k in parts[0]}
+
+    curve = fit(
+        model,
+        loss,
+        config=stage.fit,
+        seed=setting.seed,
+        stage=STAGES["encoder"],
+        label="encoder",
+        work=setting.work,
+        validate=validate,
+        progress=setting.progress,
+    )
+    data = encode(dataset, context, model, setting)
+    z, z_next = data.z[data.train], data.z[data.train + 1]
+    model.scale.fit(z, z_next)
+    model.step_length_quantiles.fit((z_next - z).norm(dim=1))
+    return Trained(model, curve, _encoder_metrics(model, data, dataset, curve))
+
+
+def _encoder_metrics(
+    model: Representation, data: LatentData, dataset: Dataset, curve: list[dict[str, float]]
+) -> dict[str, float]:
+    z, action, context, z_next = data.transitions(data.val)
+    with torch.no_grad():
+        error = (model.dynamics(z, action, context) - z_next).norm(dim=1)
+    probes = probe_state(
+        data.z.cpu().numpy(), dataset.state, data.train.cpu().numpy(), data.val.cpu().numpy()
+    )
+    used = torch.linalg.svdvals(z - z.mean(0)).square()
+    return {
+        "val_info_nce": curve[-1]["val_info_nce"],
+        "val_one_step_error_in_steps": float(error.mean()) / model.step_length(0.5),
+        "latent_dimensions_used": float(used.sum().square() / used.square().sum()),
+        **probes,
+    }
+
+
+# --- models on frozen latents ----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LatentData:
+    """A whole dataset encoded: latents [N,Z], actions [N,A], contexts [N,C], transition rows."""
+
+    z: Tensor
+    action: Tensor
+    context: Tensor
+    train: Tensor
+    val: Tensor
+
+    def transitions(self, rows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """z [M,Z], a [M,A], c [M,C], z' [M,Z] of the transitions that start at `rows` [M]."""
+        return self.z[rows], self.action[rows], self.context[rows], self.z[rows + 1]
+
+    def batch(self, rng: np.random.Generator, size: int) -> Tensor:
+        """Rows [size] of training transitions, uniform with replacement."""
+        pick = torch.from_numpy(rng.integers(len(self.train), size=size))
+        return self.train[pick.to(self.train.device)]
+
+    def check_rows(self) -> Tensor:
+        """At most `VALIDATION_ROWS` held-out transitions, evenly spaced."""
+        return self.val[:: max(1, len(self.val) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+
+
+@torch.no_grad()
+def encode(
+    dataset: Dataset, context: Tensor, model: Representation, setting: Setting
+) -> LatentData:
+    """Encode every row of a dataset with a trained φ."""
+    device = setting.device
+    model.eval()
+    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels)).to(device)
+    windows = FrameWindows(dataset, features, context.to(device))
+    rows = np.arange(len(dataset.pixels))
+    parts = [
+        model.encoder(windows.stacks(part), windows.contexts(part))
+        for part in np.array_split(rows, max(1, len(rows) // 1024))
+    ]
+    train, val = dataset.split(setting.validation_share, setting.seed)
+    return LatentData(
+        z=torch.cat(parts),
+        action=windows.actions,
+        context=windows.contexts(rows),
+        train=torch.from_numpy(dataset.starts(train, 1)).to(device),
+        val=torch.from_numpy(dataset.starts(val, 1)).to(device),
+    )
+
+
+def _fit_on_latents(
+    module: nn.Module,
+    data: LatentData,
+    loss: Callable[[np.random.Generator, int], tuple[Tensor, dict[str, Tensor]]],
+    validate: Callable[[Tensor], dict[str, float]],
+    *,
+    name: str,
+    config: FitConfig,
+    setting: Setting,
+) -> list[dict[str, float]]:
+    """Run the training loop for one of the models on frozen latents."""
+    check = data.check_rows()
+    return fit(
+        module,
+        lambda rng: loss(rng, config.batch_size),
+        config=config,
+        seed=setting.seed,
+        stage=STAGES[name],
+        label=name,
+        work=setting.work,
+        validate=lambda: validate(check),
+        progress=setting.progress,
+    )
+
+
+def _fit_scale(scale: LatentScale, data: LatentData) -> None:
+    z, _, _, z_next = data.transitions(data.train)
+    scale.fit(z, z_next)
+
+
+def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> Trained:
+    """Train H_f's members, each on its own batches, and record the spread of their predictions."""
+    seed_torch(setting.seed, "ensemble")
+    sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
+    model = DynamicsEnsemble(stage.net, *sizes).to(setting.device)
+    _fit_scale(model.scale, data)
+    members = stage.net.members
+
+    def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
+        rows = data.batch(rng, members * size)
+        z, action, context, z_next = (x.unflatten(0, (members, size)) for x in data.transitions(rows))
+        target = (z_next - z) / model.scale.step
+        error = (model.members(z, action, context) - target).square().mean()
+        return members * error, {"mse": error}
+
+    def validate(rows: Tensor) -> dict[str, float]:
+        z, action, context, z_next = data.transitions(rows)
+        predicted, _ = model(z, action, context)
+        return {"mse": float(((predicted - z_next) / model.scale.step).square().mean())}
+
+    curve = _fit_on_latents(
+        model, data, loss, validate, name="ensemble", config=stage.fit, setting=setting
+    )
+    with torch.no_grad():
+        z, action, context, z_next = data.transitions(data.val)
+        predicted, variance = model(z, action, context)
+    model.variance_quantiles.fit(variance)
+    error = (predicted - z_next).norm(dim=1)
+    length = (z_next - z).norm(dim=1).median()
+    metrics = {
+        "val_mse": curve[-1]["val_mse"],
+        "val_one_step_error_in_steps": float(error.mean() / length),
+    }
+    return Trained(model, curve, metrics)
+
+
+class DensityModel(nn.Module):
+    """ψ and the support of the data, published as one artifact."""
+
+    def __init__(
+        self, config: DensityConfig, latent_size: int, context_size: int, state_size: int
+    ) -> None:
+        super().__init__()
+        self.transition = TransitionDensity(config, latent_size, context_size)
+        self.support = Support(config.support_size, latent_size, state_size)
+
+
+def train_density(
+    data: LatentData, state: Tensor, stage: DensityStage, setting: Setting
+) -> Trained:
+    """Train ψ by NCE (Eq. 2), then calibrate its threshold and the support on held-out states.
+
+    Args:
+        data: the encoded dataset.
+        state: true states [N,S], kept beside the support only so that people can read plans.
+        stage: configuration.
+        setting: seed, device, folder.
+    """
+    seed_torch(setting.seed, "density")
+    config = stage.net.model_copy(
+        update={"support_size": min(stage.net.support_size, len(data.train))}
+    )
+    model = DensityModel(config, data.z.shape[1], data.context.shape[1], state.shape[1])
+    model.to(setting.device)
+    psi, ratio = model.transition, config.noise_ratio
+    _fit_scale(psi.scale, data)
+
+    def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        z, _, context, z_next = data.transitions(rows)
+        shape = (ratio * len(rows), z.shape[1])
+        normal = torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(z.device)
+        source, source_context = z.repeat(ratio, 1), context.repeat(ratio, 1)
+        sources = torch.cat([z, source])
+        targets = torch.cat([z_next, source + normal * psi.noise_std()])
+        contexts = torch.cat([context, source_context])
+        is_data = torch.arange(len(sources), device=z.device) < len(z)
+        log_ratio = psi.log_ratio(sources, targets, contexts)
+        zero = torch.zeros_like(log_ratio)
+        correct = ((log_ratio > np.log(ratio)) == is_data).float()
+        accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
+        return nce_loss(log_ratio, zero, is_data, ratio), accuracy
+
+    def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
+        value, accuracy = objective(data.batch(rng, size), rng)
+        return value, {"balanced_accuracy": accuracy}
+
+    def validate(rows: Tensor) -> dict[str, float]:
+        value, accuracy = objective(rows, generator("train", 0, STAGES["density"]))
+        return {"nce": float(value), "balanced_accuracy": float(accuracy)}
+
+    curve = _fit_on_latents(
+        model, data, loss, validate, name="density", config=stage.fit, setting=setting
+    )
+    _calibrate_density(model, data, state, setting)
+    metrics = {name: curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
+    metrics["support_distance_p99"] = model.support.distance_quantiles.at(0.99)
+    return Trained(model, curve, {f"val_{k}": v for k, v in metrics.items()})
+
+
+@torch.no_grad()
+def _calibrate_density(
+    model: DensityModel, data: LatentData, state: Tensor, setting: Setting
+) -> None:
+    z, _, context, z_next = data.transitions(data.val)
+    model.transition.log_density_quantiles.fit(model.transition(z, z_next, context))
+    rng = generator("train", setting.seed, STAGES["density"])
+    size = model.support.latents.shape[0]
+    pick = torch.from_numpy(np.sort(rng.choice(len(data.train), size, replace=False)))
+    rows = data.train[pick.to(data.train.device)]
+    model.support.rows.copy_(rows)
+    model.support.latents.copy_(data.z[rows])
+    model.support.states.copy_(state.to(data.z.device)[rows])
+    model.support.distance_quantiles.fit(model.support.distance(z_next))
+
+
+def train_policy(
+    data: LatentData, ensemble: DynamicsEnsemble, stage: PolicyStage, setting: Setting
+) -> Trained:
+    """Train π on one-step transitions, then calibrate the round trip through H_f."""
+    seed_torch(setting.seed, "policy")
+    sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
+    model = LocalPolicy(stage.net, *sizes).to(setting.device)
+    _fit_scale(model.scale, data)
+
+    def error(rows: Tensor) -> Tensor:
+        z, action, context, z_next = data.transitions(rows)
+        return (model(z, z_next, context) - action).square().mean()
+
+    def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
+        value = error(data.batch(rng, size))
+        return value, {"mse": value}
+
+    curve = _fit_on_latents(
+        model,
+        data,
+        loss,
+        lambda rows: {"mse": float(error(rows))},
+        name="policy",
+        config=stage.fit,
+        setting=setting,
+    )
+    with torch.no_grad():
+        z, _, context, z_next = data.transitions(data.val)
+        back, _ = ensemble(z, model(z, z_next, context), context)
+        miss = (back - z_next).norm(dim=1)
+    model.round_trip_quantiles.fit(miss)
+    length = float((z_next - z).norm(dim=1).median())
+    metrics = {
+        "val_mse": curve[-1]["val_mse"],
+        "val_round_trip_in_steps": float(miss.mean()) / length,
+    }
+    return Trained(model, curve, metrics)
+
