@@ -9,7 +9,15 @@ from pydantic import Field
 
 from elast_cli.config import StrictModel
 from elast_cli.errors import DataError
-from elast_cli.report import EpisodeRow, Interval, Percent, grouped, number, refuse_twins
+from elast_cli.report import (
+    EpisodeRow,
+    Interval,
+    Percent,
+    empty_table,
+    grouped,
+    number,
+    refuse_twins,
+)
 from elast_cli.statistics import mcnemar_exact, mean, newcombe_paired, t_interval
 
 if TYPE_CHECKING:
@@ -146,15 +154,8 @@ def _described(rows: Sequence[EpisodeRow]) -> str:
 
 def comparison_table(comparisons: Sequence[Comparison]) -> Table:
     """The pooled comparisons for people; every difference is B minus A."""
-    from rich import box
-    from rich.table import Table
-
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("env", "level", "method"):
-        shown.add_column(name, no_wrap=True)
-    names = ["A %", "B %", "B - A", "95 % interval", "only A", "only B", "McNemar p"]
-    for name in [*names, "steps B - A", "95 % interval", "pairs"]:
-        shown.add_column(name, justify="right", no_wrap=True)
+    numbers = ["A %", "B %", "B - A", "95 %\ninterval", "only A\n/ only B", "McNemar\np"]
+    shown = empty_table(["task", "method"], [*numbers, "steps\nB - A", "95 %\ninterval", "pairs"])
     for row in comparisons:
         if row.train_seed is None:
             shown.add_row(*_comparison_cells(row))
@@ -164,15 +165,13 @@ def comparison_table(comparisons: Sequence[Comparison]) -> Table:
 def _comparison_cells(row: Comparison) -> list[str]:
     same = row.method_a == row.method_b
     return [
-        row.env,
-        row.level,
+        f"{row.env} {row.level}",
         row.method_a if same else f"{row.method_a} -> {row.method_b}",
         number(row.pc_success_a),
         number(row.pc_success_b),
         f"{row.difference:+.1f}",
         _signed(row.ci95),
-        str(row.only_a),
-        str(row.only_b),
+        f"{row.only_a} / {row.only_b}",
         f"{row.mcnemar_p:.3f}" if row.mcnemar_p >= 0.001 else "< 0.001",
         "-" if row.steps_difference is None else f"{row.steps_difference:+.1f}",
         "-" if row.steps_ci95 is None else _signed(row.steps_ci95),

@@ -100,12 +100,11 @@ def summarize(rows: Sequence[EpisodeRow]) -> list[OverallRow]:
     """
     refuse_twins(rows)
     overall = []
-    for (env, level, method), cell_rows in grouped(rows, cell_of).items():
-        named = {"env": env, "level": level, "method": method}
+    for cell, cell_rows in grouped(rows, cell_of).items():
         by_seed = dict(sorted(grouped(cell_rows, lambda row: row.train_seed).items()))
-        seeds = [_summary(named, seed, of_seed) for seed, of_seed in by_seed.items()]
+        seeds = [_summary(cell, seed, of_seed) for seed, of_seed in by_seed.items()]
         rates = [row.pc_success for row in seeds]
-        pooled = _summary(named, None, cell_rows).model_copy(
+        pooled = _summary(cell, None, cell_rows).model_copy(
             update={
                 "pc_success_by_seed": {str(row.train_seed): row.pc_success for row in seeds},
                 "pc_success_std": standard_deviation(rates),
@@ -120,9 +119,7 @@ def pooled(overall: Iterable[OverallRow]) -> list[OverallRow]:
     return [row for row in overall if row.train_seed is None]
 
 
-def _summary(
-    named: Mapping[str, str], train_seed: int | None, rows: Sequence[EpisodeRow]
-) -> OverallRow:
+def _summary(cell: Cell, train_seed: int | None, rows: Sequence[EpisodeRow]) -> OverallRow:
     n = len(rows)
     solved = [row for row in rows if row.success]
     plans = sum(row.plans for row in rows)
@@ -130,7 +127,9 @@ def _summary(
     calls = mean([row.network_calls_per_step for row in rows])
     ratios = [row.steps / row.shortest for row in solved if row.steps is not None and row.shortest]
     return OverallRow(
-        **named,
+        env=cell.env,
+        level=cell.level,
+        method=cell.method,
         train_seed=train_seed,
         n_episodes=n,
         pc_success=100.0 * len(solved) / n,
@@ -196,26 +195,30 @@ def _plain(value: object) -> JsonValue:
 
 def table(overall: Sequence[OverallRow]) -> Table:
     """The pooled rows for people: a section per (env, level), a line per method."""
+    rows = pooled(overall)
+    several_seeds = any(len(row.pc_success_by_seed or {}) > 1 for row in rows)
+    numbers = ["success\n%", "95 %\ninterval", "steps", "steps /\nshortest", "plan\ns"]
+    numbers += ["calls\n/ step", "episodes"]
+    shown = empty_table(["task", "method"], [*numbers, *["success %\nby seed"] * several_seeds])
+    for (env, level), of_task in grouped(rows, lambda row: (row.env, row.level)).items():
+        for index, row in enumerate(of_task):
+            task = f"{env} {level}" if index == 0 else ""
+            by_seed = " ".join(f"{rate:.0f}" for rate in (row.pc_success_by_seed or {}).values())
+            cells = [task, row.method, *_figures(row), *[by_seed] * several_seeds]
+            shown.add_row(*cells, end_section=row is of_task[-1])
+    return shown
+
+
+def empty_table(names: Sequence[str], numbers: Sequence[str]) -> Table:
+    """A table with text columns, then number columns: narrow, and plain when it is piped."""
     from rich import box
     from rich.table import Table
 
-    rows = pooled(overall)
-    several_seeds = any(len(row.pc_success_by_seed or {}) > 1 for row in rows)
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("env", "level", "method"):
-        shown.add_column(name, no_wrap=True)
-    names = ["success %", "95 % interval", "held %", "steps", "/ shortest", "plan s", "calls/step"]
-    for name in [*names, "n"]:
-        shown.add_column(name, justify="right", no_wrap=True)
-    if several_seeds:
-        shown.add_column("success % by training seed", justify="right")
-    for task, of_task in grouped(rows, lambda row: (row.env, row.level)).items():
-        for index, row in enumerate(of_task):
-            first = task if index == 0 else ("", "")
-            cells = [*first, row.method, *_figures(row), str(row.n_episodes)]
-            by_seed = "  ".join(f"{rate:.1f}" for rate in (row.pc_success_by_seed or {}).values())
-            last = index == len(of_task) - 1
-            shown.add_row(*cells, *([by_seed] if several_seeds else []), end_section=last)
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for name in names:
+        shown.add_column(name, no_wrap=True, vertical="bottom")
+    for name in numbers:
+        shown.add_column(name, justify="right", no_wrap=True, vertical="bottom")
     return shown
 
 
@@ -260,9 +263,9 @@ def _figures(row: OverallRow) -> list[str]:
     return [
         number(row.pc_success),
         f"[{low:.1f}, {high:.1f}]",
-        number(row.pc_held),
         number(row.steps),
         number(row.steps_over_shortest, 2),
         number(row.plan_s, 2),
         f"{row.network_calls_per_step:,.0f}",
+        str(row.n_episodes),
     ]
