@@ -51,18 +51,24 @@ def read_yaml(
 def read_regular(path: Path, *, error: type[ElastError], max_bytes: int) -> bytes:
     """The bytes of a regular file; never waits on a FIFO and never reads past `max_bytes`."""
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with open_regular(path) as file:
+            content = file.read(max_bytes + 1)
     except FileNotFoundError:
         raise MissingInputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as reason:  # ValueError: a NUL in the name
-        raise error(f"{path}: cannot be opened ({reason})") from None
-    with open(handle, "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise error(f"{path}: not a regular file")
-        content = file.read(max_bytes + 1)
+    except (OSError, ValueError) as reason:
+        raise error(f"{path}: cannot be read: {_one_line(reason)}") from None
     if len(content) > max_bytes:
         raise error(f"{path}: larger than {max_bytes} bytes")
     return content
+
+
+def open_regular(path: Path) -> io.BufferedReader:
+    """An open regular file, never a folder, FIFO or device. Raises ValueError for those."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise ValueError("not a regular file")
+    return open(handle, "rb")
 
 
 def parse_yaml(

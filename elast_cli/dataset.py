@@ -1,4 +1,4 @@
-"""Datasets of episodes: one HDF5 shard per episode while collecting, one flat HDF5 file after that."""
+"""Datasets of episodes: one HDF5 shard each while collecting, one flat HDF5 file after that."""
 
 from __future__ import annotations
 

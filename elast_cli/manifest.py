@@ -6,13 +6,13 @@ of `sha256sum -c`; that digest names the exact artifact, and its children record
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import json
 import os
 import platform
 import re
-import stat
 import subprocess
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,7 +22,14 @@ from typing import Annotated
 from pydantic import Field, JsonValue, StringConstraints
 
 import elast_cli
-from elast_cli.config import StrictModel, dump_yaml, parse_yaml, read_regular, validate
+from elast_cli.config import (
+    StrictModel,
+    dump_yaml,
+    open_regular,
+    parse_yaml,
+    read_regular,
+    validate,
+)
 from elast_cli.errors import DataError, MissingInputError, UsageError
 
 SCHEMA_VERSION = 1
@@ -32,10 +39,10 @@ REF_FORM = "<env>/<kind>/v<N>, as in block-s/encoder/v2"
 
 _NAME = r"[a-z0-9][a-z0-9_-]{0,63}"
 _REF = re.compile(rf"({_NAME})/({_NAME})/v([1-9][0-9]{{0,8}})", re.ASCII)
-Name = Annotated[str, StringConstraints(pattern=rf"^{_NAME}\Z")]
-FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}\Z")]
-RefText = Annotated[str, StringConstraints(pattern=rf"^{_REF.pattern}\Z")]
-Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}\Z")]
+Name = Annotated[str, StringConstraints(pattern=rf"^{_NAME}$")]
+FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$")]
+RefText = Annotated[str, StringConstraints(pattern=rf"^{_REF.pattern}$")]
+Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 JsonDict = dict[str, JsonValue]
 
 _LIBRARIES = ("torch", "numpy", "scipy", "h5py", "gymnasium", "pymunk", "safetensors", "pydantic")
@@ -63,6 +70,7 @@ class Ref:
         return cls(match[1], match[2], int(match[3])) if match else None
 
     def __str__(self) -> str:
+        """The ref as people type it."""
         return f"{self.env}/{self.kind}/v{self.version}"
 
 
@@ -74,7 +82,9 @@ class Recipe(StrictModel):
     seed: Annotated[int, Field(ge=0)]
     preset: str
     config: JsonDict
-    parents: dict[Name, Digest] = {}  # role -> digest of the parent's manifest
+    parents: dict[Name, Digest] = Field(
+        default_factory=dict
+    )  # role -> digest of the parent's manifest
     render_backend: str | None = None
     device: str = "cpu"
     threads: Annotated[int, Field(ge=1)] = 1
@@ -83,9 +93,7 @@ class Recipe(StrictModel):
     @property
     def digest(self) -> str:
         """SHA-256 of the recipe's canonical JSON."""
-        text = json.dumps(
-            self.model_dump(), sort_keys=True, separators=(",", ":"), allow_nan=False
-        )
+        text = json.dumps(self.model_dump(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -143,8 +151,8 @@ def read_manifest(folder: Path, ref: Ref) -> tuple[Manifest, str]:
     try:
         if folder.is_symlink():
             raise DataError(f"{ref}: its folder is a symbolic link; copy the artifact instead")
-        for name in (MANIFEST, MANIFEST_DIGEST):
-            refuse_link(folder / name, ref)
+        refuse_link(folder / MANIFEST, ref)
+        refuse_link(folder / MANIFEST_DIGEST, ref)
         content = read_regular(folder / MANIFEST, error=DataError, max_bytes=1 << 20)
         recorded = read_regular(folder / MANIFEST_DIGEST, error=DataError, max_bytes=1 << 10)
     except MissingInputError as reason:
@@ -155,6 +163,7 @@ def read_manifest(folder: Path, ref: Ref) -> tuple[Manifest, str]:
     return _checked(content, ref), digest
 
 
+@functools.lru_cache(maxsize=256)
 def _checked(content: bytes, ref: Ref) -> Manifest:
     where = f"{ref}: {MANIFEST}"
     data = parse_yaml(content, where, error=DataError)
@@ -171,7 +180,8 @@ def _checked(content: bytes, ref: Ref) -> Manifest:
         raise DataError(f"{where}: it is the manifest of {manifest.ref}")
     if manifest.recipe_digest != manifest.recipe.digest:
         raise DataError(f"{where}: recipe_digest is not the digest of its recipe")
-    if {role: parent.digest for role, parent in manifest.parents.items()} != manifest.recipe.parents:
+    recorded = {role: parent.digest for role, parent in manifest.parents.items()}
+    if recorded != manifest.recipe.parents:
         raise DataError(f"{where}: parents differ from the parents in its recipe")
     return manifest
 
@@ -186,11 +196,11 @@ def measure(path: Path, *, sync: bool = False) -> FileEntry:
     """Size and SHA-256 of a file; with `sync`, after it is on disk.
 
     Raises:
-        ValueError: not a regular file.
+        ValueError: a symbolic link, a folder or a device.
     """
-    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError(f"{path}: not a regular file")
+    if path.is_symlink():
+        raise ValueError(f"{path.name} is a symbolic link")
+    with open_regular(path) as file:
         if sync:
             os.fsync(file.fileno())
         digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -18,33 +18,29 @@ A stage uses it in one way:
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
-import uuid
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from elast_cli.errors import BusyError, DataError, MissingInputError, StorageError
+from elast_cli.errors import DataError, MissingInputError
 from elast_cli.manifest import (
     MANIFEST,
     MANIFEST_DIGEST,
     FileEntry,
-    JsonDict,
     Manifest,
     Parent,
     Recipe,
     Ref,
     measure,
-    provenance,
     read_manifest,
     refuse_link,
-    write_manifest,
 )
+from elast_cli.publish import Run, held_lock, lock_of, storage_errors
 
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
@@ -57,20 +53,7 @@ _MAKERS = {
     "plan": "plan",
     "eval": "eval",
 }
-_DISK_ERRORS = frozenset(
-    {
-        errno.EACCES,
-        errno.EDQUOT,
-        errno.EFBIG,
-        errno.EIO,
-        errno.EMFILE,
-        errno.ENFILE,
-        errno.ENOSPC,
-        errno.EPERM,
-        errno.EROFS,
-    }
-)
-_HIGHEST = ".highest"  # the highest version number ever used in this folder
+MAX_GENERATIONS = 32
 
 
 @dataclass(frozen=True)
@@ -82,23 +65,11 @@ class LineageNode:
     parents: tuple[LineageNode, ...]
 
 
-@contextmanager
-def storage_errors() -> Iterator[None]:
-    """Turn a full, read-only or failing disk into a one-line StorageError."""
-    try:
-        yield
-    except OSError as reason:
-        # h5py reports a failed write without errno; its text is the HDF5 library's
-        if reason.errno not in _DISK_ERRORS and "file write failed" not in str(reason):
-            raise
-        text = " ".join(str(reason).split())[:300]
-        raise StorageError(f"cannot write: {text}; free some space or set ELAST_HOME") from reason
-
-
 class Store:
     """The artifacts below one home folder."""
 
     def __init__(self, home: Path) -> None:
+        """A store in `home`, which need not exist yet; nothing is written before a run begins."""
         self.home = home.expanduser().absolute()
         self._verified: dict[tuple[str, str], tuple[int, int, int]] = {}
 
@@ -123,9 +94,7 @@ class Store:
                 text = folder.relative_to(root).as_posix()
                 if (ref := Ref.maybe(text)) and self.path(ref) == folder and folder.is_dir():
                     found.append(ref)
-        return sorted(
-            ref for ref in found if env in (None, ref.env) and kind in (None, ref.kind)
-        )
+        return sorted(ref for ref in found if env in (None, ref.env) and kind in (None, ref.kind))
 
     def manifest(self, ref: Ref) -> Manifest:
         """The verified manifest of an artifact.
@@ -192,23 +161,21 @@ class Store:
         if digests != recipe.parents:
             raise DataError(f"the parents of this {recipe.kind} changed while it was prepared")
         root = self.root(recipe.kind)
-        with storage_errors(), ExitStack() as cleaning:
-            lock = _lock(root, recipe.digest)
-            cleaning.enter_context(_held(lock, recipe, wait=wait, on_wait=on_wait))
+        with storage_errors(), held_lock(root, recipe, wait=wait, on_wait=on_wait):
             run = Run(
-                store=self,
                 recipe=recipe,
                 parents={
                     role: Parent(ref=str(ref), digest=digests[role])
                     for role, ref in parents.items()
                 },
+                root=root,
                 published=None if force else self.find(recipe),
-                work=root / ".runs" / recipe.digest,
-                staging=root / ".staging" / f"{recipe.digest}.{uuid.uuid4().hex}",
             )
-            cleaning.callback(run.clean)
-            run.prepare()
-            yield run
+            try:
+                run.prepare()
+                yield run
+            finally:
+                run.clean()
 
     def verify(self, ref: Ref) -> Manifest:
         """The manifest, after every file of the artifact and of all its ancestors was checked.
@@ -242,8 +209,8 @@ class Store:
                 found = []
                 for role, parent in self.manifest(child).parents.items():
                     parent_ref = Ref.parse(parent.ref)
-                    if parent_ref in path:
-                        raise DataError(f"{child}: its {role} {parent_ref} is its own descendant")
+                    if parent_ref in path or len(path) > MAX_GENERATIONS:
+                        raise DataError(f"{child}: its {role} {parent_ref} closes a cycle")
                     self._check_parent(child, role, parent_ref, parent.digest)
                     found.append(
                         LineageNode(parent_ref, role, visit(parent_ref, (*path, parent_ref)))
@@ -258,13 +225,12 @@ class Store:
         removed = []
         for root in (self.root("dataset"), self.root("other")):
             for folder in sorted([*root.glob(".staging/*"), *root.glob(".runs/*")]):
-                lock = _lock(root, folder.name.partition(".")[0])
-                with storage_errors():
-                    try:
-                        with lock.acquire(blocking=False):
-                            shutil.rmtree(folder)
-                    except Timeout:
-                        continue
+                digest = folder.name.partition(".")[0]
+                try:
+                    with storage_errors(), lock_of(root, digest).acquire(blocking=False):
+                        shutil.rmtree(folder)
+                except Timeout:
+                    continue
                 removed.append(folder)
         return removed
 
@@ -310,117 +276,7 @@ class Store:
         except FileNotFoundError:
             raise DataError(f"{ref}: {name} is missing") from None
         except ValueError as reason:
-            raise DataError(f"{ref}: {reason}") from None
-
-
-@dataclass
-class Run:
-    """One run of a recipe, while its lock is held.
-
-    published   the ref if the artifact exists (already, or by `publish`), else None
-    work        resumable state such as shards and checkpoints; outlives a killed process
-    staging     an empty folder for the artifact's files, all of them plain files
-    """
-
-    store: Store
-    recipe: Recipe
-    parents: dict[str, Parent]
-    published: Ref | None
-    work: Path
-    staging: Path
-    _provenance: JsonDict = field(default_factory=provenance)
-
-    def prepare(self) -> None:
-        """Make the run's folders, after removing what a killed run of this recipe staged."""
-        for left in self.staging.parent.glob(f"{self.recipe.digest}.*"):
-            shutil.rmtree(left)
-        if not self.published:
-            self.work.mkdir(parents=True, exist_ok=True)
-            self.staging.mkdir(parents=True)
-
-    def fresh(self) -> None:
-        """Forget what an interrupted run of this recipe had done."""
-        shutil.rmtree(self.work)
-        self.work.mkdir()
-
-    def publish(self, metrics: JsonDict) -> Ref:
-        """The new ref, once the staged files are on disk under it."""
-        files = {}
-        for path in sorted(self.staging.iterdir()):
-            files[path.name] = measure(path, sync=True)
-        folder = self.store.path(Ref(self.recipe.env, self.recipe.kind, 1)).parent
-        folder.mkdir(parents=True, exist_ok=True)
-        root = self.store.root(self.recipe.kind)
-        with _lock(root, f"{self.recipe.env}.{self.recipe.kind}"):
-            while True:
-                version = _claim_version(folder)
-                manifest = Manifest(
-                    version=version,
-                    recipe=self.recipe,
-                    recipe_digest=self.recipe.digest,
-                    parents=self.parents,
-                    files=files,
-                    metrics=metrics,
-                    provenance=self._provenance,
-                )
-                write_manifest(self.staging, manifest)
-                _sync(self.staging)
-                try:
-                    self.staging.rename(folder / f"v{version}")
-                    break
-                except OSError as reason:
-                    if reason.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-                        raise
-        _sync(folder)
-        self.published = manifest.ref
-        return manifest.ref
-
-    def clean(self) -> None:
-        """Remove the staging folder, and after publication the resumable state too."""
-        shutil.rmtree(self.staging, ignore_errors=True)
-        if self.published:
-            shutil.rmtree(self.work, ignore_errors=True)
-
-
-def _claim_version(folder: Path) -> int:
-    """The next version number, never used before even if its artifact was removed since."""
-    mark = folder / _HIGHEST
-    used = [int(mark.read_text())] if mark.exists() else [0]
-    used += [int(path.name[1:]) for path in folder.glob("v*") if path.name[1:].isdecimal()]
-    version = max(used) + 1
-    temporary = folder / f"{_HIGHEST}.new"
-    with open(temporary, "w") as file:
-        file.write(f"{version}\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(mark)
-    return version
-
-
-def _lock(root: Path, name: str) -> FileLock:
-    """An inter-process lock; its file stays, since removing it would split those who wait."""
-    folder = root / ".locks"
-    folder.mkdir(parents=True, exist_ok=True)
-    return FileLock(folder / f"{name}.lock")
-
-
-@contextmanager
-def _held(
-    lock: FileLock, recipe: Recipe, *, wait: bool, on_wait: Callable[[str], None] | None
-) -> Iterator[None]:
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        what = f"another process is making this {recipe.env}/{recipe.kind}"
-        if not wait:
-            raise BusyError(f"{what} (without --no-wait elast would wait for it)") from None
-        if on_wait:
-            on_wait(f"{what}; waiting for it")
-        lock.acquire()
-    try:
-        yield
-    finally:
-        lock.release()
+            raise DataError(f"{ref}: {name}: {reason}") from None
 
 
 def _postorder(node: LineageNode) -> list[LineageNode]:
@@ -435,12 +291,3 @@ def _postorder(node: LineageNode) -> list[LineageNode]:
 
     visit(node)
     return list(ordered.values())
-
-
-def _sync(folder: Path) -> None:
-    """Put a folder's entries on disk."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
