@@ -85,7 +85,7 @@ class OverallRow(StrictModel):
 class Results(StrictModel):
     """The results document: what an evaluation publishes as JSON."""
 
-    schema_version: int
+    schema_version: int = Field(ge=1)
     overall: list[OverallRow]
     per_episode: list[EpisodeRow]
     lineage: dict[str, JsonValue]
