@@ -102,7 +102,7 @@ def dump_yaml(data: object) -> str:
     _refuse_unplain(data)
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.allow_unicode = True
+    yaml.allow_unicode = False  # else some line separators do not come back
     yaml.width = 1 << 30
     out = io.StringIO()
     yaml.dump(_sorted(data), out)

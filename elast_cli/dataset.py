@@ -144,8 +144,6 @@ def write_shard(path: Path, episode: Episode) -> None:
             first_episode=episode.seed_index,
         ) as columns:
             _fill(columns, episode, 0)
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

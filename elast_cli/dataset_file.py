@@ -11,6 +11,8 @@ readers of this layout cut all columns alike.
 from __future__ import annotations
 
 import hashlib
+import io
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -53,6 +55,8 @@ def create_columns(
 ) -> Iterator[dict[str, h5py.Dataset]]:
     """The columns in `row_shapes` of a new file, to be filled; the index columns are full.
 
+    The file is built in memory and put on disk at the end: HDF5 itself crashes on a full disk.
+
     Args:
         path: a name that does not exist yet.
         lengths: rows of each episode.
@@ -69,11 +73,16 @@ def create_columns(
         "ep_idx": np.repeat(number, length),
         "step_idx": np.arange(rows) - np.repeat(offset, length),
     }
-    with h5py.File(path, "x", libver=("v110", "v110")) as file:
+    content = io.BytesIO()
+    with h5py.File(content, "w", libver=("v110", "v110")) as file:
         file.attrs.update(attrs or {})
         for name, values in index.items():
             _create(file, name, values.shape)[...] = values
         yield {name: _create(file, name, (rows, *shape)) for name, shape in row_shapes.items()}
+    with open(path, "xb") as disk:
+        disk.write(content.getbuffer())
+        disk.flush()
+        os.fsync(disk.fileno())
 
 
 def _create(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:

@@ -122,8 +122,7 @@ def storage_errors() -> Iterator[None]:
     try:
         yield
     except OSError as reason:
-        # h5py may report a failed write without errno; the text is the HDF5 library's
-        if reason.errno not in _DISK_ERRORS and "file write failed" not in str(reason):
+        if reason.errno not in _DISK_ERRORS:
             raise
         text = " ".join(str(reason).split())[:300]
         raise StorageError(
