@@ -1,0 +1,186 @@
+"""Flags that several commands share, as dataclasses; imports typer and nothing heavier.
+
+`@takes(Lineage, Running)` hands a command one record a group; the command line sees flat flags.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from typer import Option
+
+Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
+Env = Annotated[str, Option("--env", metavar="NAME", help="Environment, such as block-s.")]
+SomeEnv = Annotated[
+    str | None, Option("--env", metavar="NAME", help="One environment; default: all that fit.")
+]
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """Which lineage to work on, and its configuration."""
+
+    preset: Annotated[
+        str, Option(metavar="NAME", help="quick, standard, paper, or one in ./configs.")
+    ] = "standard"
+    set: Annotated[
+        list[str] | None,
+        Option("--set", metavar="SECTION.KEY=VALUE", help="Override one value; may be repeated."),
+    ] = None
+    seed: Annotated[int, Option(min=0, help="Seed of data, training and planner.")] = 0
+
+
+@dataclass(frozen=True)
+class Running:
+    """How to run; only device and threads are part of an artifact's recipe."""
+
+    device: Annotated[str, Option(metavar="auto|cpu|cuda", help="Where torch computes.")] = "auto"
+    threads: Annotated[int, Option(min=1, help="Torch threads a process.")] = 1
+    workers: Annotated[
+        int, Option(min=0, help="Processes; 0: one a core. Never changes a result.")
+    ] = 0
+    force: Annotated[bool, Option("--force", help="Make it again even if it is there.")] = False
+    resume: Annotated[
+        bool, Option("--resume", help="Continue an interrupted run; it is what happens anyway.")
+    ] = False
+    fresh: Annotated[bool, Option("--fresh", help="Forget what an interrupted run did.")] = False
+    no_wait: Annotated[
+        bool, Option("--no-wait", help="Exit 75 if another process makes the same artifact.")
+    ] = False
+    dry_run: Annotated[bool, Option("--dry-run", help="Say what would be done.")] = False
+    quiet: Quiet = False
+    json: Json = False
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How long and how fast to train."""
+
+    steps: Annotated[int | None, Option(min=1, help="Gradient steps.")] = None
+    batch_size: Annotated[int | None, Option(min=2, help="Items a step.")] = None
+    log_freq: Annotated[int | None, Option(min=1, help="Steps between two log rows.")] = None
+    save_freq: Annotated[int | None, Option(min=1, help="Steps between two checkpoints.")] = None
+
+    def overrides(self, section: str) -> list[str]:
+        """These flags as `--set` texts of a section."""
+        keys = {
+            "steps": self.steps,
+            "batch_size": self.batch_size,
+            "log_every": self.log_freq,
+            "save_every": self.save_freq,
+        }
+        return [f"{section}.fit.{key}={value}" for key, value in keys.items() if value is not None]
+
+
+@dataclass(frozen=True)
+class DatasetInput:
+    """The dataset to use."""
+
+    dataset: Annotated[
+        str | None, Option(metavar="REF", help="Default: the highest version that fits.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class EncoderInput(DatasetInput):
+    """And the encoder."""
+
+    encoder: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
+
+
+@dataclass(frozen=True)
+class EnsembleInput(EncoderInput):
+    """And the ensemble."""
+
+    ensemble: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
+
+
+@dataclass(frozen=True)
+class ModelInputs(EnsembleInput):
+    """And all the rest of what a planner needs."""
+
+    density: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
+    policy: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
+
+
+@dataclass(frozen=True)
+class Evaluating:
+    """What is evaluated."""
+
+    methods: Annotated[str, Option(metavar="A,B", help="Methods, separated by commas.")] = (
+        "elast,cpc-cem,random"
+    )
+    level: Annotated[
+        str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
+    ] = None
+    episodes: Annotated[int | None, Option(min=1, help="Scenarios a level and seed.")] = None
+    scenario_seed: Annotated[int | None, Option(min=0, help="Seed of the scenarios.")] = None
+    num_envs: Annotated[
+        int | None, Option(min=1, help="Episodes that run side by side in a process.")
+    ] = None
+    seeds: Annotated[
+        str | None, Option(metavar="0,1,2", help="Several training seeds in place of --seed.")
+    ] = None
+    require: Annotated[
+        list[str] | None,
+        Option(
+            metavar="'elast>=90'", help="Exit 3 if the success rate misses it; may be repeated."
+        ),
+    ] = None
+
+    def overrides(self) -> list[str]:
+        """These flags as `--set` texts."""
+        keys = {
+            "episodes": self.episodes,
+            "scenario_seed": self.scenario_seed,
+            "num_envs": self.num_envs,
+        }
+        return [f"eval.{key}={value}" for key, value in keys.items() if value is not None]
+
+
+def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator: the command's parameters of these types become the flags of their fields."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        records = {p.annotation: p.name for p in own if p.annotation in groups}
+        flags = [p for p in own if p.annotation not in groups]
+        flags += [flag for group in groups for flag in _flags(group)]
+
+        @functools.wraps(command)
+        def flagged(**values: Any) -> None:
+            for group, name in records.items():
+                fields = [field.name for field in dataclasses.fields(group)]
+                values[name] = group(**{field: values.pop(field) for field in fields})
+            command(**values)
+
+        # what typer reads in place of the wrapped function's own
+        del flagged.__wrapped__  # type: ignore[attr-defined]  # set by functools.wraps
+        flagged.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # typer reads it
+            [flag.replace(kind=inspect.Parameter.KEYWORD_ONLY) for flag in flags]
+        )
+        flagged.__annotations__ = {flag.name: flag.annotation for flag in flags}
+        return flagged
+
+    return decorate
+
+
+def _flags(group: type[Any]) -> list[inspect.Parameter]:
+    """The fields of a group as parameters."""
+    hints = typing.get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=hints[field.name],
+        )
+        for field in dataclasses.fields(group)
+    ]

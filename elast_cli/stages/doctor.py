@@ -1,0 +1,178 @@
+"""`elast doctor`: what this machine has, what is missing, and the command that mends it."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from elast_cli.errors import UnavailableError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+LEAST_FREE = 2 << 30  # bytes; a standard run takes a tenth of it
+_RENDER = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+renderer = mujoco.Renderer(model, 64, 64)
+renderer.update_scene(data)
+renderer.render()
+renderer.close()
+"""
+_GL_PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+
+
+class Check(NamedTuple):
+    """One finding: `fail` stops elast, `warn` only limits it; `remedy` is the command to run."""
+
+    name: str
+    status: Literal["ok", "warn", "fail"]
+    value: str
+    remedy: str = ""
+
+
+def checks() -> list[Check]:
+    """Every finding, what matters most first."""
+    return [_python(), *_packages(), *_processor(), _gpu(), *_renderers(), _store(), _disk()]
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The findings for people."""
+    from rich import box
+    from rich.table import Table
+
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("check", "", "found", "to mend it"):
+        shown.add_column(name, overflow="fold")
+    for row in rows:
+        shown.add_row(row["name"], row["status"], row["value"], row["remedy"])
+    return shown
+
+
+def refuse_failed(found: Sequence[Check]) -> None:
+    """Raise UnavailableError if something keeps elast from working."""
+    failed = [check for check in found if check.status == "fail"]
+    if failed:
+        first = failed[0]
+        raise UnavailableError(f"{first.name}: {first.value}; run: {first.remedy}")
+
+
+def _python() -> Check:
+    fits = sys.version_info >= (3, 11)
+    return Check(
+        "python",
+        "ok" if fits else "fail",
+        f"{platform.python_version()} on {platform.platform()}",
+        "" if fits else "install Python 3.11 or newer",
+    )
+
+
+def _packages() -> list[Check]:
+    """elast and everything it depends on."""
+    try:
+        wanted = importlib.metadata.requires("elast") or []
+    except importlib.metadata.PackageNotFoundError:
+        return [Check("elast", "warn", "not installed, run from its folder", "pip install -e .")]
+    found = [Check("elast", "ok", importlib.metadata.version("elast"))]
+    for requirement in sorted(wanted):
+        if "extra ==" in requirement:
+            continue
+        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+        try:
+            found.append(_package(name, requirement))
+        except importlib.metadata.PackageNotFoundError:
+            found.append(Check(name, "fail", "missing", f"pip install '{requirement}'"))
+    return found
+
+
+def _package(name: str, requirement: str) -> Check:
+    version = importlib.metadata.version(name)
+    try:
+        from packaging.requirements import Requirement
+    except ImportError:
+        return Check(name, "ok", version)
+    if Requirement(requirement).specifier.contains(version, prereleases=True):
+        return Check(name, "ok", version)
+    return Check(name, "warn", f"{version}, not {requirement}", f"pip install '{requirement}'")
+
+
+def _processor() -> list[Check]:
+    cores = len(os.sched_getaffinity(0))
+    threads = os.environ.get("OMP_NUM_THREADS", "not set")
+    return [
+        Check("cores", "ok", f"{cores} usable of {os.cpu_count()}"),
+        Check("threads", "ok", f"--threads 1 a process; OMP_NUM_THREADS {threads}"),
+    ]
+
+
+def _gpu() -> Check:
+    try:
+        import torch
+    except ImportError as reason:
+        return Check("gpu", "fail", f"torch cannot be imported: {reason}", "pip install torch")
+    if torch.cuda.is_available():
+        return Check("gpu", "ok", torch.cuda.get_device_name(0))
+    return Check("gpu", "ok", "none; everything runs on the CPU (preset paper wants one)")
+
+
+def _renderers() -> list[Check]:
+    """MuJoCo's GL back ends, each in its own process: a missing library breaks the import."""
+    found = []
+    for backend, packages in _GL_PACKAGES.items():
+        reason = _render_error(backend)
+        if reason is None:
+            found.append(Check(f"renderer {backend}", "ok", "works"))
+        else:
+            remedy = f"apt-get install {packages} (optional)"
+            found.append(Check(f"renderer {backend}", "warn", reason, remedy))
+    return found
+
+
+def _render_error(backend: str) -> str | None:
+    """Why a back end does not work, None if it does."""
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    command = [sys.executable, "-c", _RENDER]
+    try:
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as reason:
+        return str(reason)
+    lines = done.stderr.strip().splitlines()
+    return None if done.returncode == 0 else (lines[-1] if lines else f"exit {done.returncode}")
+
+
+def _home() -> Path:
+    return Path(os.environ.get("ELAST_HOME") or ".").expanduser().absolute()
+
+
+def _store() -> Check:
+    home = _home()
+    try:
+        with tempfile.NamedTemporaryFile(dir=home, prefix=".elast-doctor-"):
+            return Check("store", "ok", f"{home} is writable")
+    except OSError as reason:
+        remedy = "export ELAST_HOME=/a/writable/folder"
+        return Check("store", "fail", f"{home}: {reason.strerror}", remedy)
+
+
+def _disk() -> Check:
+    try:
+        free = shutil.disk_usage(_home()).free
+    except OSError as reason:
+        return Check("disk", "warn", str(reason.strerror))
+    value = f"{free / 1e9:.1f} GB free"
+    if free < LEAST_FREE:
+        return Check("disk", "warn", value, "elast gc, or export ELAST_HOME=/a/larger/disk")
+    return Check("disk", "ok", value)

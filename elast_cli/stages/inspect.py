@@ -1,0 +1,251 @@
+"""`ls`, `show`, `verify`, `compare` and dry runs: what there is, and what would be."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from elast_cli.comparison import Comparison, compare
+from elast_cli.errors import DataError, MissingInputError, UsageError
+from elast_cli.manifest import JsonDict
+from elast_cli.report import EpisodeRow, parse_results
+from elast_cli.stages.job import Step
+from elast_cli.store import LineageNode, Ref, Store
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.tree import Tree
+
+RESULTS_FILE = "results.json"
+_MOST_BYTES = 256 << 20  # of a results file
+
+
+def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
+    """One row an artifact: ref, preset, seed, size, when it was made, headline metrics."""
+    rows: list[JsonDict] = []
+    for ref in store.refs(env, kind):
+        try:
+            manifest = store.manifest(ref)
+        except DataError as reason:
+            rows.append({"ref": str(ref), "damaged": str(reason)})
+            continue
+        rows.append(
+            {
+                "ref": str(ref),
+                "preset": manifest.recipe.preset,
+                "seed": manifest.recipe.seed,
+                "bytes": sum(entry.size for entry in manifest.files.values()),
+                "created": manifest.provenance.get("created"),
+                "metrics": manifest.metrics,
+            }
+        )
+    return rows
+
+
+def listing_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The listing for people."""
+    table = _table("ref", "preset", "seed", "size", "created", "metrics")
+    for row in rows:
+        if "damaged" in row:
+            table.add_row(row["ref"], "damaged: see elast verify " + row["ref"])
+            continue
+        table.add_row(
+            row["ref"],
+            row["preset"],
+            str(row["seed"]),
+            _size(row["bytes"]),
+            str(row["created"] or ""),
+            _headline(row["metrics"]),
+        )
+    return table
+
+
+def description(store: Store, text: str) -> JsonDict:
+    """Manifest, folder and lineage of an artifact."""
+    ref = Ref.parse(text)
+    manifest = store.manifest(ref)
+    return {
+        "ref": text,
+        "path": str(store.path(ref)),
+        "digest": store.digest(ref),
+        "lineage": _lineage(store.lineage(ref)),
+        **manifest.model_dump(mode="json", include={"recipe", "files", "metrics", "provenance"}),
+    }
+
+
+def _lineage(node: LineageNode) -> JsonDict:
+    return {
+        "ref": str(node.ref),
+        "role": node.role,
+        "parents": [_lineage(parent) for parent in node.parents],
+    }
+
+
+def description_view(data: Mapping[str, Any]) -> Group:
+    """A description for people: what, metrics, files, the lineage as a tree, configuration."""
+    from rich.console import Group
+    from rich.text import Text
+
+    recipe = data["recipe"]
+    head = _table("", "")
+    head.add_row("ref", data["ref"])
+    head.add_row("path", data["path"])
+    for key in ("preset", "seed", "device", "threads"):
+        head.add_row(key, str(recipe[key]))
+    for key, value in data["provenance"].items():
+        head.add_row(key, _one_line(value))
+    metrics = _table("metric", "value")
+    for key, value in data["metrics"].items():
+        metrics.add_row(key, _one_line(value))
+    files = _table("file", "size", "sha256")
+    for name, entry in data["files"].items():
+        files.add_row(name, _size(entry["size"]), entry["sha256"][:16])
+    config = Text(json.dumps(recipe["config"], indent=2, ensure_ascii=False))
+    tree = _tree(data["lineage"])
+    return Group(head, metrics, files, tree, Text("\nconfiguration"), config)
+
+
+def _tree(node: Mapping[str, Any]) -> Tree:
+    from rich.text import Text
+    from rich.tree import Tree
+
+    def grow(tree: Tree, node: Mapping[str, Any]) -> Tree:
+        for parent in node["parents"]:
+            grow(tree.add(Text(f"{parent['role']}: {parent['ref']}")), parent)
+        return tree
+
+    return grow(Tree(Text(node["ref"])), node)
+
+
+def verified(store: Store, texts: Sequence[str]) -> list[JsonDict]:
+    """One row an artifact (all of them if none is named): whether all of it and its lineage hold.
+
+    Raises:
+        MissingInputError: a named artifact does not exist.
+    """
+    refs = [Ref.parse(text) for text in texts] or store.refs()
+    rows: list[JsonDict] = []
+    for ref in refs:
+        try:
+            manifest = store.verify(ref)
+            rows.append({"ref": str(ref), "ok": True, "files": len(manifest.files), "reason": None})
+        except MissingInputError:
+            raise
+        except DataError as reason:
+            rows.append({"ref": str(ref), "ok": False, "files": None, "reason": str(reason)})
+    return rows
+
+
+def verified_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The verdicts for people."""
+    table = _table("ref", "verdict", "files")
+    for row in rows:
+        verdict = "ok" if row["ok"] else row["reason"]
+        table.add_row(row["ref"], verdict, "" if row["files"] is None else str(row["files"]))
+    return table
+
+
+def refuse_damaged(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Raise DataError if a verdict is not ok."""
+    damaged = [row for row in rows if not row["ok"]]
+    if damaged:
+        more = f" (and {len(damaged) - 1} more)" if len(damaged) > 1 else ""
+        raise DataError(f"{damaged[0]['reason']}{more}")
+
+
+def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
+    """Paired differences of two evaluations or reports, B minus A."""
+    return compare(*(episode_rows(store, Ref.parse(text)) for text in (text_a, text_b)))
+
+
+def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
+    """The episodes of an evaluation or a report.
+
+    Raises:
+        UsageError: the artifact is of another kind.
+        DataError: its results are damaged.
+    """
+    if ref.kind not in ("eval", "report"):
+        store.manifest(ref)  # says so if it does not exist at all
+        raise UsageError(f"{ref} is a {ref.kind}; compare takes eval or report refs: elast ls")
+    path = store.file(ref, RESULTS_FILE)
+    return parse_results(_read_json(path, ref)).per_episode
+
+
+def _read_json(path: Path, ref: Ref) -> object:
+    if path.stat().st_size > _MOST_BYTES:
+        raise DataError(f"{ref}: {path.name} is larger than {_MOST_BYTES} bytes")
+    try:
+        return json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as reason:
+        raise DataError(f"{ref}: {path.name}: not JSON ({reason})") from None
+
+
+def planned(step: Step) -> JsonDict:
+    """What a step would do."""
+    ref = step.published()
+    return {
+        "env": step.recipe.env,
+        "kind": step.recipe.kind,
+        "published": str(ref) if ref else None,
+        "inputs": {role: str(parent) for role, parent in step.inputs.items()},
+        "recipe_digest": step.recipe.digest,
+    }
+
+
+def planned_line(plan: Mapping[str, Any]) -> str:
+    """A dry run for people."""
+    if plan["published"]:
+        return f"{plan['published']} is there already"
+    inputs = ", ".join(plan["inputs"].values())
+    return f"would make {plan['env']}/{plan['kind']}" + (f" from {inputs}" if inputs else "")
+
+
+def made(store: Store, ref: Ref) -> JsonDict:
+    """What a stage prints with `--json`."""
+    return {
+        "ref": str(ref),
+        "path": str(store.path(ref)),
+        "digest": store.digest(ref),
+        "metrics": store.manifest(ref).metrics,
+    }
+
+
+def _table(*columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(columns))
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _headline(metrics: Mapping[str, Any]) -> str:
+    """The first few numbers."""
+    shown = [
+        f"{key} {value:.4g}"
+        for key, value in metrics.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    ]
+    return ", ".join(shown[:3])
+
+
+def _one_line(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {item}" for key, item in value.items())
+    return str(value)
+
+
+def _size(count: int) -> str:
+    number, unit = float(count), "B"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if number < 1000:
+            break
+        number, unit = number / 1000, larger
+    return f"{number:.0f} {unit}" if number >= 100 or unit == "B" else f"{number:.1f} {unit}"

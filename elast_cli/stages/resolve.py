@@ -1,0 +1,144 @@
+"""Which artifacts a stage works on: those named, else the highest versions whose lineage fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from elast_cli.errors import DataError, MissingInputError, UsageError
+from elast_cli.stages.job import Job
+from elast_cli.store import Manifest, Ref
+
+MAKERS: Mapping[str, str] = {
+    "dataset": "collect",
+    "encoder": "train-encoder",
+    "ensemble": "train-ensemble",
+    "density": "train-density",
+    "policy": "train-policy",
+}
+ROLES = tuple(MAKERS)  # in the order in which they are made
+
+
+def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
+    """One artifact a role, all of one lineage: of the job's environment, preset and seed.
+
+    What is not given is the highest version that fits the rest; the choice is noted.
+
+    Raises:
+        UsageError: a given ref is of another kind than its role.
+        DataError: given artifacts are damaged, of another lineage, or of two lineages.
+        MissingInputError: something is not made yet; says which command makes it.
+    """
+    given = {role: ref for role, ref in job.given.items() if role in ROLES}
+    search = _Search(job, given)
+    wanted = [role for role in ROLES if role in roles or role in given]
+    for end in range(1, len(wanted) + 1):
+        if search.choose(wanted[:end], {}) is None:
+            raise MissingInputError(_missing(job, wanted[end - 1], given))
+    chosen = search.choose(wanted, {})
+    assert chosen is not None  # the loop's last turn
+    found = [str(chosen[role]) for role in wanted if role not in given]
+    if found:
+        job.progress.note(f"using {', '.join(found)}")
+    return {role: chosen[role] for role in wanted if role in roles}
+
+
+class _Search:
+    """Backtracking over versions, the highest first, each manifest read once."""
+
+    def __init__(self, job: Job, given: Mapping[str, Ref]) -> None:
+        self.job, self.store = job, job.store
+        self.digests: dict[Ref, str] = {}
+        self.candidates: dict[str, list[tuple[Ref, Manifest]]] = {}
+        for role in ROLES:
+            self.candidates[role] = (
+                [(given[role], self._checked(role, given[role]))]
+                if role in given
+                else self._fitting(role)
+            )
+        self._refuse_mixed([self.candidates[role][0] for role in given])
+
+    def choose(self, roles: Sequence[str], chosen: dict[str, Ref]) -> dict[str, Ref] | None:
+        """One candidate a role such that all their recorded parents agree, or None."""
+        if not roles:
+            return chosen
+        for ref, manifest in self.candidates[roles[0]]:
+            if self._agrees(manifest, chosen):
+                found = self.choose(roles[1:], {**chosen, roles[0]: ref})
+                if found is not None:
+                    return found
+        return None
+
+    def _agrees(self, manifest: Manifest, chosen: Mapping[str, Ref]) -> bool:
+        """Whether what is chosen is, or has, the same parents as a candidate."""
+        for role, ref in chosen.items():
+            others = {role: self._digest(ref), **self._parents(ref)}
+            if any(
+                others.get(role, parent.digest) != parent.digest
+                for role, parent in manifest.parents.items()
+            ):
+                return False
+        return True
+
+    def _parents(self, ref: Ref) -> dict[str, str]:
+        manifest = next(m for r, m in self.candidates[ref.kind] if r == ref)
+        return {role: parent.digest for role, parent in manifest.parents.items()}
+
+    def _digest(self, ref: Ref) -> str:
+        if ref not in self.digests:
+            self.digests[ref] = self.store.digest(ref)
+        return self.digests[ref]
+
+    def _fitting(self, role: str) -> list[tuple[Ref, Manifest]]:
+        """Sound artifacts of the job's lineage, the highest version first."""
+        found = []
+        for ref in reversed(self.store.refs(self.job.env, role)):
+            try:
+                manifest = self.store.manifest(ref)
+            except DataError:
+                continue  # never chosen by itself; `elast verify` says what is wrong with it
+            recipe = manifest.recipe
+            if (recipe.preset, recipe.seed) == (self.job.preset, self.job.seed):
+                found.append((ref, manifest))
+        return found
+
+    def _checked(self, role: str, ref: Ref) -> Manifest:
+        """The manifest of an artifact that the user named."""
+        if ref.kind != role:
+            raise UsageError(f"--{role} {ref}: that is a {ref.kind}; list: elast ls --kind {role}")
+        job = self.job
+        if ref.env != job.env:
+            raise DataError(f"--{role} {ref}: of environment {ref.env}, not {job.env}")
+        manifest = self.store.manifest(ref)
+        recipe = manifest.recipe
+        if (recipe.preset, recipe.seed) != (job.preset, job.seed):
+            raise DataError(
+                f"--{role} {ref}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
+                f"{job.preset} and seed {job.seed}; lineages are never mixed: add "
+                f"--preset {recipe.preset} --seed {recipe.seed}"
+            )
+        return manifest
+
+    def _refuse_mixed(self, given: Sequence[tuple[Ref, Manifest]]) -> None:
+        """Raise DataError if two named artifacts come from different parents."""
+        for ref, manifest in given:
+            for other, other_manifest in given:
+                theirs = {other.kind: self._digest(other)} | {
+                    role: parent.digest for role, parent in other_manifest.parents.items()
+                }
+                for role, parent in manifest.parents.items():
+                    if theirs.get(role, parent.digest) != parent.digest:
+                        raise DataError(
+                            f"{ref} and {other} are of different lineages: {role} digest "
+                            f"{parent.digest[:12]} against {theirs[role][:12]}"
+                        )
+
+
+def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:
+    """What is missing, and the command that makes it."""
+    before = {r: ref for r, ref in given.items() if ROLES.index(r) < ROLES.index(role)}
+    named = "".join(f" --{r} {ref}" for r, ref in before.items())
+    of = f" of {', '.join(map(str, before.values()))}" if before else ""
+    return (
+        f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}; "
+        f"run: elast {MAKERS[role]} {job.flags()}{named}"
+    )
