@@ -20,7 +20,6 @@ from elast_cli.errors import ConfigError
 Rect = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 Floats = NDArray[np.float64]
 UNREACHABLE = -1
-_MICROSTEPS = 28
 
 
 class Lattice:
@@ -48,7 +47,7 @@ class Lattice:
     def field(self, goal: NDArray[np.floating], radius: float) -> NDArray[np.int16]:
         """Steps from every cell to the disc of `radius` round a goal [2]: i16 [ny, nx], or -1."""
         axis = self.low + self.cell * np.arange(self.size)
-        disc = np.hypot(axis[None, :] - goal[0], axis[:, None] - goal[1]) <= radius
+        disc = np.hypot(axis[None, :] - goal[0], axis[:, None] - goal[1]) <= radius + 1e-9
         inside: NDArray[np.uint8] = disc.astype(np.uint8)
         steps: NDArray[np.int16] = _flood(self.into, inside & _free_cells(self.walls, self.size))
         return steps
@@ -62,14 +61,23 @@ class Lattice:
         reached = near[near != UNREACHABLE]
         return int(reached.min()) if reached.size else UNREACHABLE
 
-    def after(
-        self, place: NDArray[np.floating], action: NDArray[np.floating]
-    ) -> NDArray[np.float64]:
-        """Where one action f [2] in [-1, 1] leads from a place [2], sliding along walls."""
-        spot = (np.asarray(place, dtype=np.float64) - self.low) / self.cell
-        move = np.asarray(action, dtype=np.float64) * self.reach
-        end = _slide(spot[0], spot[1], move[0], move[1], self.walls, self.size - 1.0)
-        return self.low + self.cell * np.array(end)
+    def after(self, place: NDArray[np.floating], actions: NDArray[np.floating]) -> Floats:
+        """Where each action f [M, 2] in [-1, 1] leads from one place [2], sliding: f64 [M, 2]."""
+        spot = self._outside((np.asarray(place, dtype=np.float64) - self.low) / self.cell)
+        moves = np.asarray(actions, dtype=np.float64) * self.reach
+        last = self.size - 1.0
+        ends = [_slide(spot[0], spot[1], dx, dy, self.walls, last) for dx, dy in moves]
+        return self.low + self.cell * np.array(ends)
+
+    def _outside(self, spot: Floats) -> Floats:
+        """A spot [2] in cells, moved to the nearest face of a wall that it overlaps a little."""
+        for wall in self.walls:
+            depth = np.concatenate([spot - wall[:2], wall[2:] - spot])
+            side = int(depth.argmin())
+            if depth[side] > 0:
+                spot = spot.copy()
+                spot[side % 2] = wall[side]
+        return np.clip(spot, 0, self.size - 1)
 
 
 @lru_cache(maxsize=4)
@@ -99,9 +107,10 @@ def _inside(x: float, y: float, walls: Floats) -> bool:
 def _slide(
     x: float, y: float, dx: float, dy: float, walls: Floats, last: float
 ) -> tuple[float, float]:
-    """End of a displacement in cells, in microsteps shorter than a cell that stop at wall faces."""
-    ux, uy = dx / _MICROSTEPS, dy / _MICROSTEPS
-    for _ in range(_MICROSTEPS):
+    """End of a displacement in cells, in microsteps of half a cell that stop at wall faces."""
+    microsteps = 2 * int(np.ceil(max(abs(dx), abs(dy)))) + 1
+    ux, uy = dx / microsteps, dy / microsteps
+    for _ in range(microsteps):
         nx = min(max(x + ux, 0.0), last)
         if _inside(nx, y, walls):
             nx = np.floor(nx) if ux > 0 else np.ceil(nx)

@@ -1,0 +1,44 @@
+"""Draw a strip for every environment: `python docs/pictures/draw_environments.py`.
+
+Upper row: start and goal of two scenarios of each level. Lower row: every sixth frame of a random
+episode.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from elast_cli.envs import ENVS, EnvSpec, RandomPolicy, collect_episode, make, scenarios
+
+SCALE, GAP = 2, 4
+
+
+def row(frames: list[np.ndarray]) -> np.ndarray:
+    """Frames side by side, enlarged, on white."""
+    tiles = [np.kron(frame, np.ones((SCALE, SCALE, 1), dtype=np.uint8)) for frame in frames]
+    padded = [np.pad(tile, ((0, GAP), (0, GAP), (0, 0)), constant_values=255) for tile in tiles]
+    return np.concatenate(padded, axis=1)
+
+
+def strip(entry: EnvSpec) -> Image.Image:
+    """The picture of one environment."""
+    env = make(entry.name)
+    upper: list[np.ndarray] = []
+    for level in entry.levels:
+        for scenario in scenarios(entry.name, level, seed=0, count=2, domain="scenario-val"):
+            frame, info = env.reset(options={"scenario": scenario})
+            upper += [frame, info["goal"]]
+    episode = collect_episode(
+        env, seed=0, index=0, length=50, policy=RandomPolicy(entry.action_size)
+    )
+    lower = list(episode.pixels[::6][: len(upper)])
+    width = min(len(upper), len(lower))
+    return Image.fromarray(np.concatenate([row(upper[:width]), row(lower[:width])]))
+
+
+for each in ENVS.values():
+    picture = strip(each).quantize(64)
+    picture.save(Path(__file__).parent / f"{each.name}.png", optimize=True)
