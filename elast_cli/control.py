@@ -1,0 +1,362 @@
+"""Controllers: from frames to actions, replanning as they go (Sec. 4.4), and the episode loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from elast_cli.config import StrictModel
+from elast_cli.planners.base import Plan, Planner, Query
+from elast_cli.seeding import derived_seed, generator
+from elast_cli.shapes import FRAMES, Bool, Float32, Int64, Uint8
+
+S = TypeVar("S")
+
+
+class ControlConfig(StrictModel):
+    """How a plan is followed; n_replan is not stated in the paper's main text."""
+
+    replan_every: int = Field(default=20, ge=1)
+    lookahead: int = Field(default=3, ge=1)
+
+
+@dataclass(frozen=True)
+class Task:
+    """B episodes: goal states u8 [B,F,64,64,3], context vectors [B,C], seeds [B]."""
+
+    goal: Uint8
+    context: Float32
+    seed: Int64
+
+
+class Controller(Protocol[S]):
+    """Every method: planned, reactive or random. State goes in and out."""
+
+    def begin(self, task: Task) -> S:
+        """State before the first step."""
+        ...
+
+    def act(self, state: S, frames: Uint8, running: Bool) -> tuple[Float32, S]:
+        """Actions [B,A] for frames [B,F,64,64,3]; rows that are not running cost nothing."""
+        ...
+
+
+class Estimator(Protocol):
+    """Frames to latents: φ behind a row-independent call."""
+
+    def __call__(self, frames: Uint8, context: Float32) -> Float32:
+        """[B,F,64,64,3], [B,C] -> [B,Z]."""
+        ...
+
+
+class LocalControl(Protocol):
+    """π as a function on arrays."""
+
+    def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
+        """[B,Z], [B,Z], [B,C] -> [B,A]."""
+        ...
+
+
+class Follower(Protocol):
+    """Turns a plan into actions, one step at a time."""
+
+    def act(self, route: Route, z: Float32, goal: Float32, context: Float32) -> tuple[Float32, Route]:
+        """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
+        ...
+
+
+@dataclass(frozen=True)
+class Route:
+    """Plans of B rows being followed: states [B,T,Z], actions [B,T-1,A], length, progress [B]."""
+
+    states: Float32
+    actions: Float32
+    length: Int64
+    progress: Int64
+
+    def updated(self, plan: Plan, rows: Int64) -> Route:
+        """This route with new plans at `rows`, padded to one length."""
+        longest = max(self.states.shape[1], plan.states.shape[1])
+        states, actions = _padded(self.states, longest), _padded(self.actions, longest - 1)
+        states[rows] = _padded(plan.states, longest)
+        actions[rows] = _padded(plan.actions, longest - 1)
+        length, progress = self.length.copy(), self.progress.copy()
+        length[rows], progress[rows] = plan.length, 0
+        return Route(states, actions, length, progress)
+
+
+def _padded(x: Float32, length: int) -> Float32:
+    """Repeat the last entry of axis 1 up to `length`; always a copy."""
+    if x.shape[1] == 0:
+        return np.zeros((x.shape[0], length, *x.shape[2:]), x.dtype)
+    index = np.minimum(np.arange(length), x.shape[1] - 1)
+    return x[:, index]
+
+
+@dataclass(frozen=True)
+class TrackStates:
+    """Follow planned latents with π: aim one step past the nearest of the next few waypoints.
+
+    Past the last waypoint it aims at the goal itself.
+    """
+
+    policy: LocalControl
+    lookahead: int
+
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
+        """Actions [B,A] by π towards each row's waypoint."""
+        rows = np.arange(len(z))
+        window = route.progress[:, None] + np.arange(self.lookahead + 1)
+        window = np.minimum(window, route.length[:, None] - 1)  # [B,L+1]
+        gap = np.linalg.norm(route.states[rows[:, None], window] - z[:, None], axis=-1)
+        progress = window[rows, gap.argmin(1)]
+        aim = np.minimum(progress + 1, route.length - 1)
+        target = np.where((progress >= route.length - 1)[:, None], goal, route.states[rows, aim])
+        return self.policy(z, target, context), replace(route, progress=progress)
+
+
+@dataclass(frozen=True)
+class PlayActions:
+    """Play planned actions as they stand."""
+
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
+        """The next planned action of each row [B,A]; zero past the end."""
+        rows = np.arange(len(z))
+        left = route.progress < route.length - 1
+        action = route.actions[rows, np.minimum(route.progress, route.actions.shape[1] - 1)]
+        progress = route.progress + 1
+        return np.where(left[:, None], action, np.float32(0)), replace(route, progress=progress)
+
+
+@dataclass(frozen=True)
+class PlanLog:
+    """What planning cost and found, summed over an episode's plans; arrays [B]."""
+
+    plans: Int64
+    seconds: Float32
+    reached: Int64
+    transitions: Int64
+    density_calls: Int64
+    policy_calls: Int64
+
+    @classmethod
+    def empty(cls, rows: int) -> PlanLog:
+        """Nothing planned yet."""
+        zero = np.zeros(rows, np.int64)
+        return cls(zero, np.zeros(rows, np.float32), zero, zero, zero, zero)
+
+    def add(self, plan: Plan, rows: Int64, seconds: float) -> PlanLog:
+        """With one more plan at each of `rows`; its wall time is shared evenly among them."""
+
+        def put(total: Any, value: Any) -> Any:
+            total = total.copy()
+            total[rows] += value
+            return total
+
+        return PlanLog(
+            put(self.plans, 1),
+            put(self.seconds, seconds / len(rows)),
+            put(self.reached, plan.reached),
+            put(self.transitions, plan.transitions),
+            put(self.density_calls, plan.density_calls),
+            put(self.policy_calls, plan.policy_calls),
+        )
+
+
+@dataclass(frozen=True)
+class Following:
+    """State of `Replan`: the task in latent space, the routes, the step, and the plans' log."""
+
+    task: Task
+    goal: Float32
+    route: Route | None
+    step: int
+    log: PlanLog
+
+
+@dataclass(frozen=True)
+class Replan:
+    """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c)."""
+
+    estimator: Estimator
+    planner: Planner
+    follower: Follower
+    every: int
+
+    def begin(self, task: Task) -> Following:
+        """Encode the goals."""
+        goal = self.estimator(task.goal, task.context)
+        return Following(task, goal, None, 0, PlanLog.empty(len(goal)))
+
+    def act(
+        self, state: Following, frames: Uint8, running: Bool
+    ) -> tuple[Float32, Following]:
+        """Encode, replan where it is due, and follow."""
+        task = state.task
+        z = self.estimator(frames, task.context)
+        route, log = state.route, state.log
+        rows = np.flatnonzero(running)
+        if state.step % self.every == 0 and len(rows):
+            index = state.step // self.every
+            seeds = [derived_seed("plan", int(task.seed[b]), index) for b in rows]
+            query = Query(z[rows], state.goal[rows], task.context[rows], np.array(seeds))
+            began = time.perf_counter()
+            plan = self.planner.plan(query)
+            log = log.add(plan, rows, time.perf_counter() - began)
+            route = (route or _standing(z, plan)).updated(plan, rows)
+        assert route is not None  # the first step plans
+        action, route = self.follower.act(route, z, state.goal, task.context)
+        following = Following(task, state.goal, route, state.step + 1, log)
+        return np.clip(action, -1, 1).astype(np.float32), following
+
+
+def _standing(z: Float32, plan: Plan) -> Route:
+    """Routes that stay where they are, for rows without a plan."""
+    count = len(z)
+    actions = np.zeros((count, 0, plan.actions.shape[2]), np.float32)
+    return Route(z[:, None], actions, np.ones(count, np.int64), np.zeros(count, np.int64))
+
+
+class RandomWalk(Protocol):
+    """The collection policy, as the random method needs it."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode."""
+        ...
+
+    def act(self, rng: np.random.Generator) -> Float32:
+        """The next action [A]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Random:
+    """The environment's own collection policy, without its privileged resets."""
+
+    walks: Sequence[RandomWalk]
+    log: PlanLog = field(default_factory=lambda: PlanLog.empty(0))
+
+    def begin(self, task: Task) -> list[np.random.Generator]:
+        """One generator an episode."""
+        rngs = [generator("control", int(seed)) for seed in task.seed]
+        for walk, rng in zip(self.walks, rngs, strict=False):
+            walk.reset(rng)
+        return rngs
+
+    def act(
+        self, state: list[np.random.Generator], frames: Uint8, running: Bool
+    ) -> tuple[Float32, list[np.random.Generator]]:
+        """A random action [B,A]."""
+        pairs = zip(self.walks, state, strict=False)
+        return np.stack([walk.act(rng) for walk, rng in pairs]), state
+
+
+# --- the episode loop ------------------------------------------------------------------------
+
+
+class World(Protocol):
+    """What the loop needs of an environment."""
+
+    def reset(self, *, options: dict[str, Any]) -> tuple[Uint8, dict[str, Any]]:
+        """First frame and info."""
+        ...
+
+    def step(self, action: Float32) -> tuple[Uint8, Any, bool, bool, dict[str, Any]]:
+        """Next frame and info."""
+        ...
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One episode: when the goal was first within the radius, whether it still was at the end.
+
+    Attributes:
+        steps: steps until first success; None where it never came.
+        held: within the radius at the last step too.
+        frames: every frame u8 [T+1,64,64,3] if it was asked for.
+        states: true states [T+1,S], for people.
+        goal: the goal's frame u8 [64,64,3].
+        plans, plan_s, reached, transitions, density_calls, policy_calls: of its planning.
+    """
+
+    steps: int | None
+    held: bool
+    length: int
+    frames: Uint8 | None
+    states: Float32
+    goal: Uint8
+    plans: int
+    plan_s: float
+    reached: int
+    transitions: int
+    density_calls: int
+    policy_calls: int
+
+
+def run_episodes(
+    controller: Controller[Any],
+    envs: Sequence[World],
+    scenarios: Sequence[Any],
+    *,
+    max_steps: int,
+    seeds: Int64,
+    context: Float32,
+    keep_frames: bool = False,
+) -> list[Trace]:
+    """Run one episode a scenario, all side by side; an episode ends at its first success.
+
+    Success is being within the radius at any step of the budget. `held` looks at the end of the
+    budget only where the episode ran that long, so it equals success here.
+    """
+    first = [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
+    goals = np.stack([info["goal"] for _, info in first])
+    history = [[frame] for frame, _ in first]
+    states = [[info["state"]] for _, info in first]
+    steps: list[int | None] = [None] * len(envs)
+    task = Task(np.repeat(goals[:, None], FRAMES, axis=1), context, seeds)
+    state = controller.begin(task)
+    for t in range(max_steps):
+        running = np.array([done is None for done in steps])
+        if not running.any():
+            break
+        action, state = controller.act(state, _stack(history), running)
+        for b in np.flatnonzero(running):
+            frame, _, _, _, info = envs[b].step(action[b])
+            history[b].append(frame)
+            states[b].append(info["state"])
+            if info["success"]:
+                steps[b] = t + 1
+    log = getattr(state, "log", PlanLog.empty(len(envs)))
+    return [
+        Trace(
+            steps=steps[b],
+            held=steps[b] is not None,
+            length=len(history[b]) - 1,
+            frames=np.stack(history[b]) if keep_frames else None,
+            states=np.stack(states[b]),
+            goal=goals[b],
+            plans=int(log.plans[b]),
+            plan_s=float(log.seconds[b]),
+            reached=int(log.reached[b]),
+            transitions=int(log.transitions[b]),
+            density_calls=int(log.density_calls[b]),
+            policy_calls=int(log.policy_calls[b]),
+        )
+        for b in range(len(envs))
+    ]
+
+
+def _stack(history: Sequence[Sequence[Uint8]]) -> Uint8:
+    """The last F frames of each row [B,F,64,64,3]; the first frame repeats at the start."""
+    return np.stack(
+        [np.stack([frames[max(len(frames) - FRAMES + i, 0)] for i in range(FRAMES)]) for frames in history]
+    )

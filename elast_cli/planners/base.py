@@ -1,0 +1,125 @@
+"""What every planner takes and returns, and the world that the tree grows in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from elast_cli.shapes import Bool, Float32, Int32, Int64
+
+
+@dataclass(frozen=True)
+class Query:
+    """B planning problems: latents start [B,Z] and goal [B,Z], context [B,C], seed [B]."""
+
+    start: Float32
+    goal: Float32
+    context: Float32
+    seed: Int64
+
+    def rows(self, keep: Int64) -> Query:
+        """The problems at `keep` [M]."""
+        return Query(self.start[keep], self.goal[keep], self.context[keep], self.seed[keep])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """B paths; row i depends on query row i alone, its seed included.
+
+    Attributes:
+        states: latents [B,T,Z] from the start on; rows past `length` repeat the last state.
+        actions: [B,T-1,A], the action of each step.
+        length: number of states in each path [B].
+        reached: whether the path ends within the goal radius [B].
+        transitions: latent transitions predicted by one network [B] (m for an ensemble of m).
+        density_calls: evaluations of ψ [B].
+        policy_calls: evaluations of π [B].
+    """
+
+    states: Float32
+    actions: Float32
+    length: Int64
+    reached: Bool
+    transitions: Int64
+    density_calls: Int64
+    policy_calls: Int64
+
+
+class Planner(Protocol):
+    """Anything that turns queries into paths."""
+
+    def plan(self, query: Query) -> Plan:
+        """One path a query row."""
+        ...
+
+
+class World(Protocol):
+    """The learned world as functions on float32 arrays; `row` [M] is each item's scenario.
+
+    Every function treats its M items independently: an item's result does not depend on the
+    others, to the bit.
+    """
+
+    latent_size: int
+    action_size: int
+    feature_size: int
+    members: int
+
+    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
+        """Next latent [M,Z] of H_f and its variance [M]."""
+        ...
+
+    def features(self, z: Float32, row: Int64) -> Float32:
+        """What `log_density` needs to know of a node, computed once per node: [M,E]."""
+        ...
+
+    def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
+        """ln p(target | source) [P] for index pairs into a table of features [N,E]."""
+        ...
+
+    def support_distance(self, z: Float32) -> Float32:
+        """Distance [M] to the nearest encoded training state; only its order to a limit counts."""
+        ...
+
+    def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
+        """The policy's action [M,A] from z to z', and how far from z' [M] it really lands."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The tests of a transition; an infinite limit switches its test off.
+
+    Attributes:
+        min_log_density: τ_t, in nats.
+        max_variance: τ_e, in latent units².
+        max_support_distance: in latent units.
+        max_round_trip: in latent units; only edges that would lower a cost are tested.
+    """
+
+    min_log_density: float = -np.inf
+    max_variance: float = np.inf
+    max_support_distance: float = np.inf
+    max_round_trip: float = np.inf
+
+
+@dataclass(frozen=True)
+class Radii:
+    """Lengths in latent units.
+
+    Attributes:
+        neighbor: r_neigh, within which nodes are rewired.
+        goal: r_goal, within which a path counts as having reached the goal.
+        duplicate: a new node this near to one that is no costlier is dropped.
+    """
+
+    neighbor: float
+    goal: float
+    duplicate: float = 0.0
+
+
+def nearest_first(depth: Int32, distance: Float32) -> Int64:
+    """Order of nodes by cost, then by distance."""
+    return np.lexsort((distance, depth))
