@@ -162,7 +162,7 @@ def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., N
             command(**values)
 
         # what typer reads in place of the wrapped function's own
-        del flagged.__wrapped__  # type: ignore[attr-defined]  # set by functools.wraps
+        del flagged.__wrapped__
         flagged.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # typer reads it
             [flag.replace(kind=inspect.Parameter.KEYWORD_ONLY) for flag in flags]
         )
