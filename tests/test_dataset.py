@@ -1,0 +1,196 @@
+"""Datasets: shards, compaction, windows and the layout that other readers rely on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from elast_cli.dataset import (
+    Dataset,
+    Episode,
+    column_digests,
+    compact,
+    read_shard,
+    shard_path,
+    stack_rows,
+    write_shard,
+)
+from elast_cli.errors import DataError
+
+STEPS = (5, 70, 1, 12)
+
+
+def episode(index: int, steps: int, *, context: bool = False) -> Episode:
+    rng = np.random.default_rng(index)
+    action = rng.uniform(-1, 1, (steps + 1, 2)).astype(np.float32)
+    action[-1] = np.nan
+    return Episode(
+        pixels=rng.integers(0, 256, (steps + 1, 64, 64, 3), np.uint8),
+        action=action,
+        state=rng.normal(size=(steps + 1, 3)).astype(np.float32),
+        context=rng.integers(0, 256, (8, 8, 3), np.uint8) if context else None,
+        seed_index=index,
+    )
+
+
+def write_all(folder: Path, episodes: list[Episode]) -> list[Path]:
+    paths = [shard_path(folder, one.seed_index) for one in episodes]
+    for path, one in zip(paths, episodes, strict=True):
+        write_shard(path, one)
+    return paths
+
+
+def in_memory(lengths: list[int]) -> Dataset:
+    length = np.array(lengths, np.int32)
+    rows = int(length.sum())
+    return Dataset(
+        pixels=np.zeros((rows, 64, 64, 3), np.uint8),
+        action=np.zeros((rows, 2), np.float32),
+        state=np.zeros((rows, 2), np.float32),
+        ep_len=length,
+        ep_offset=np.cumsum(length, dtype=np.int64) - length,
+        context=None,
+    )
+
+
+@pytest.mark.parametrize("context", [False, True])
+def test_a_shard_gives_its_episode_back(tmp_path: Path, context: bool) -> None:
+    written = episode(7, 9, context=context)
+    write_shard(tmp_path / "shard.h5", written)
+    read = read_shard(tmp_path / "shard.h5")
+    assert read.seed_index == 7
+    np.testing.assert_array_equal(read.pixels, written.pixels)
+    np.testing.assert_array_equal(read.action, written.action)
+    np.testing.assert_array_equal(read.state, written.state)
+    assert (read.context is None) == (written.context is None)
+    if written.context is not None and read.context is not None:
+        np.testing.assert_array_equal(read.context, written.context)
+
+
+def test_writing_a_shard_leaves_only_the_shard(tmp_path: Path) -> None:
+    write_shard(tmp_path / "shard.h5", episode(0, 2))
+    write_shard(tmp_path / "shard.h5", episode(0, 2))
+    assert [path.name for path in tmp_path.iterdir()] == ["shard.h5"]
+
+
+@pytest.mark.parametrize("context", [False, True])
+def test_a_dataset_is_its_episodes_end_to_end(tmp_path: Path, context: bool) -> None:
+    episodes = [episode(index, steps, context=context) for index, steps in enumerate(STEPS)]
+    compact(write_all(tmp_path, episodes), tmp_path / "out.h5")
+    data = Dataset.load(tmp_path / "out.h5")
+    assert data.episodes == len(STEPS)
+    assert data.ep_len.tolist() == [steps + 1 for steps in STEPS]
+    assert data.ep_offset.tolist() == [0, 6, 77, 79]
+    np.testing.assert_array_equal(data.pixels, np.concatenate([one.pixels for one in episodes]))
+    np.testing.assert_array_equal(data.action, np.concatenate([one.action for one in episodes]))
+    np.testing.assert_array_equal(data.state, np.concatenate([one.state for one in episodes]))
+    if context:
+        images = [one.context for one in episodes if one.context is not None]
+        np.testing.assert_array_equal(data.context, np.stack(images))
+    else:
+        assert data.context is None
+
+
+def test_the_same_shards_make_the_same_bytes(tmp_path: Path) -> None:
+    shards = write_all(tmp_path, [episode(index, steps) for index, steps in enumerate(STEPS)])
+    for name in ("one.h5", "two.h5"):
+        compact(shards, tmp_path / name, attrs={"env": "block-s", "seed": 3})
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path: Path) -> None:
+    shards = write_all(tmp_path, [episode(0, 2)])
+    (tmp_path / "out.h5").write_text("mine")
+    with pytest.raises(FileExistsError):
+        compact(shards, tmp_path / "out.h5")
+    assert (tmp_path / "out.h5").read_text() == "mine"
+
+
+def test_the_layout_is_flat_with_one_value_a_row(tmp_path: Path) -> None:
+    episodes = [episode(index, steps, context=True) for index, steps in enumerate(STEPS)]
+    compact(write_all(tmp_path, episodes), tmp_path / "out.h5", attrs={"env": "block-s"})
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert file.attrs["env"] == "block-s"
+        assert all(isinstance(column, h5py.Dataset) for column in file.values())
+        assert all(column.fletcher32 for column in file.values())
+        rows = {name: len(column) for name, column in file.items()}
+        assert {rows.pop("ep_len"), rows.pop("ep_offset")} == {len(STEPS)}
+        assert set(rows.values()) == {sum(STEPS) + len(STEPS)}
+        assert file["step_idx"][:8].tolist() == [0, 1, 2, 3, 4, 5, 0, 1]
+        assert file["ep_idx"][:8].tolist() == [0] * 6 + [1] * 2
+        assert file["pixels"].chunks == (64, 64, 64, 3)
+        assert {name: file[name].dtype.str for name in ("ep_len", "ep_offset", "action")} == {
+            "ep_len": "<i4",
+            "ep_offset": "<i8",
+            "action": "<f4",
+        }
+
+
+def test_compaction_refuses_a_shard_out_of_place_or_of_another_shape(tmp_path: Path) -> None:
+    shards = write_all(tmp_path, [episode(0, 2), episode(1, 2), episode(2, 2, context=True)])
+    with pytest.raises(DataError, match="holds episode 1, not 0"):
+        compact([shards[1], shards[0]], tmp_path / "swapped.h5")
+    with pytest.raises(DataError, match="episode 2 has rows of another shape"):
+        compact(shards, tmp_path / "mixed.h5")
+    assert not list(tmp_path.glob("[!e]*.h5"))
+
+
+def test_equal_columns_have_equal_digests_and_a_changed_value_shows(tmp_path: Path) -> None:
+    shards = write_all(tmp_path, [episode(0, 2), episode(1, 70)])
+    compact(shards, tmp_path / "one.h5", attrs={"code": "a"})
+    compact(shards, tmp_path / "two.h5", attrs={"code": "b"})
+    one, two = column_digests(tmp_path / "one.h5"), column_digests(tmp_path / "two.h5")
+    assert one == two
+    with h5py.File(tmp_path / "two.h5", "r+") as file:
+        file["pixels"][70, 3, 3, 0] += 1
+    changed = column_digests(tmp_path / "two.h5")
+    assert {name for name in one if one[name] != changed[name]} == {"pixels"}
+
+
+def test_a_split_is_by_episode_complete_and_repeatable() -> None:
+    data = in_memory([3] * 40)
+    train, val = data.split(0.1, 5)
+    assert sorted([*train, *val]) == list(range(40))
+    assert len(val) == 4
+    again = data.split(0.1, 5)
+    np.testing.assert_array_equal(train, again[0])
+    assert data.split(0.1, 6)[1].tolist() != val.tolist()
+
+
+def test_a_split_always_leaves_both_parts_something() -> None:
+    train, val = in_memory([3, 3]).split(0.0, 0)
+    assert (len(train), len(val)) == (1, 1)
+    with pytest.raises(DataError, match="one episode"):
+        in_memory([3]).split(0.1, 0)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(2, 9), min_size=1, max_size=6), st.integers(0, 10))
+def test_starts_are_exactly_the_rows_whose_window_stays_in_one_episode(
+    lengths: list[int], horizon: int
+) -> None:
+    data = in_memory(lengths)
+    chosen = np.arange(0, data.episodes, 2)
+    owner = np.repeat(np.arange(data.episodes), lengths)
+    rows = len(owner)
+    expected = [
+        row
+        for row in range(rows - horizon)
+        if owner[row] % 2 == 0 and owner[row] == owner[row + horizon]
+    ]
+    found = data.starts(chosen, horizon)
+    assert found.dtype == np.int64
+    assert found.tolist() == expected
+
+
+def test_a_state_repeats_the_first_frame_where_an_episode_has_no_earlier_one() -> None:
+    rows = np.array([[0, 1], [6, 9]])
+    first: NDArray[np.int64] = np.array([[0, 0], [6, 6]])
+    assert stack_rows(rows, first).tolist() == [[[0, 0, 0], [0, 0, 1]], [[6, 6, 6], [7, 8, 9]]]
+    assert stack_rows(rows[0], first[0], frames=1).tolist() == [[0], [1]]
