@@ -270,7 +270,9 @@ class Store:
                 raise DataError(f"{ref}: {name} has {status.st_size} bytes, not {entry.size}")
             stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
             if again or self._verified.get((digest, name)) != stamp:
-                if measure(path) != entry:
+                with storage_errors():
+                    found = measure(path)
+                if found != entry:
                     raise DataError(f"{ref}: {name} was changed: its sha256 differs")
                 self._verified[digest, name] = stamp
         except FileNotFoundError:

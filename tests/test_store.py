@@ -104,6 +104,23 @@ def test_datasets_and_artifacts_have_their_own_folders(store: Store) -> None:
     assert store.refs(env="other") == []
 
 
+def test_the_store_is_where_the_variable_says_or_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("ELAST_HOME", raising=False)
+    assert Store.default().home == tmp_path
+    monkeypatch.setenv("ELAST_HOME", "elsewhere")
+    assert Store.default().home == tmp_path / "elsewhere"
+    assert Store.default().refs() == []
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_store_knows_neither_torch_nor_hdf5() -> None:
+    script = "import sys, elast_cli.store; print({'torch', 'h5py'} & set(sys.modules))"
+    assert _python(script) == "set()"
+
+
 def test_a_published_artifact_has_what_was_staged_and_nothing_remains_of_the_run(
     store: Store,
 ) -> None:
