@@ -25,16 +25,29 @@ from elast_cli.options import (
     EncoderInput,
     EnsembleInput,
     Env,
+    Evaluating,
     Fitting,
     Json,
     Lineage,
+    ModelInputs,
     Running,
     SomeEnv,
     takes,
 )
 
 if TYPE_CHECKING:
+    from elast_cli.stages.benchmark import Benchmark
     from elast_cli.stages.job import Job, Step
+
+_DISK_ERRORS = {
+    errno.EACCES,
+    errno.EDQUOT,
+    errno.EIO,
+    errno.ENOSPC,
+    errno.ENOTDIR,
+    errno.EPERM,
+    errno.EROFS,
+}
 
 app = typer.Typer(
     name="elast",
@@ -103,6 +116,37 @@ def train_policy(
 ) -> None:
     """Train the local policy that leads from one latent to the next."""
     _train("policy", env, inputs, fitting, lineage, running)
+
+
+@app.command("eval")
+@takes(Evaluating, ModelInputs, Lineage, Running)
+def evaluate(
+    evaluating: Evaluating,
+    inputs: ModelInputs,
+    lineage: Lineage,
+    running: Running,
+    env: SomeEnv = None,
+) -> None:
+    """Evaluate methods: success rates with intervals, pictures, results JSON."""
+    from elast_cli.envs import ENVS
+    from elast_cli.stages import benchmark
+
+    bench = _bench(evaluating, lineage)
+    jobs = [
+        _job(name, lineage, running, evaluating.overrides(), inputs)
+        for name in ([env] if env else ENVS)
+    ]
+    jobs = benchmark.complete(jobs, bench)
+    _report(jobs, bench, running, make=False)
+
+
+@app.command("run")
+@takes(Evaluating, Lineage, Running)
+def run_chain(env: Env, evaluating: Evaluating, lineage: Lineage, running: Running) -> None:
+    """Do everything: data, training, evaluation; what is there already is not done again."""
+    bench = _bench(evaluating, lineage)
+    job = _job(env, lineage, running, evaluating.overrides())
+    _report([job], bench, running, make=True)
 
 
 @app.command("ls")
@@ -188,13 +232,15 @@ def _job(
     """The job that the flags describe; `extra` are further `--set` texts, which win."""
     if running.fresh and running.resume:
         raise UsageError("--resume and --fresh contradict each other; give one of them")
-    from elast_cli import console, preset
     from elast_cli.envs import spec
-    from elast_cli.stages.job import Job, resolve_device
     from elast_cli.store import Ref, Store
 
-    spec(env)
+    spec(env)  # a misspelt name is told at once: the rest takes seconds to import
     given = asdict(inputs) if inputs else {}
+    refs = {role: Ref.parse(text) for role, text in given.items() if text is not None}
+    from elast_cli import console, preset
+    from elast_cli.stages.job import Job, resolve_device
+
     return Job(
         store=Store.default(),
         env=env,
@@ -205,7 +251,7 @@ def _job(
         threads=running.threads,
         workers=running.workers or len(os.sched_getaffinity(0)),
         progress=console.reporter(quiet=running.quiet),
-        given={role: Ref.parse(text) for role, text in given.items() if text is not None},
+        given=refs,
         wait=not running.no_wait,
         force=running.force,
         fresh=running.fresh,
@@ -219,6 +265,34 @@ def _train(
 
     job = _job(env, lineage, running, fitting.overrides(kind), inputs)
     _finish(train.step(job, kind), running)
+
+
+def _bench(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
+    """What is to be evaluated."""
+    from elast_cli.stages.benchmark import Benchmark
+
+    return Benchmark.parse(
+        evaluating.methods,
+        evaluating.level,
+        evaluating.seeds,
+        lineage.seed,
+        evaluating.require or [],
+    )
+
+
+def _report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bool) -> None:
+    """Evaluate, print the results of all jobs together, and hold them against the bounds."""
+    from elast_cli.stages import benchmark
+
+    bench.expect([job.env for job in jobs])
+    if running.dry_run:
+        rows = [row for job in jobs for row in benchmark.planned(job, bench)]
+        _print_json(rows) if running.json else _print(benchmark.planned_text(rows))
+        return
+    reports = [benchmark.evaluate_all(job, bench, make=make) for job in jobs]
+    outcome = benchmark.Outcome.of(jobs[0], reports)
+    _print_json(outcome.document(bench)) if running.json else _print(outcome.text())
+    outcome.require(bench)
 
 
 def _finish(step: Step, running: Running) -> None:
@@ -311,7 +385,7 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted; the same command continues", 130)
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EACCES):
+        if error.errno not in _DISK_ERRORS:
             raise
         return _fail(f"I/O error: {error}", StorageError.exit_code)
     return code if isinstance(code, int) else 0

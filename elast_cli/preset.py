@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -42,6 +42,7 @@ class EvalConfig(StrictModel):
 
     episodes: int = Field(default=100, gt=0, le=100_000, description="a level")
     scenario_seed: int = Field(default=0, ge=0)
+    domain: Literal["scenario-test", "scenario-val"] = "scenario-test"  # all tuning uses the latter
     num_envs: int = Field(default=10, gt=0, description="episodes that run side by side")
 
 

@@ -11,13 +11,14 @@ from elast_cli.comparison import Comparison, compare
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.manifest import JsonDict
 from elast_cli.report import EpisodeRow, parse_results
-from elast_cli.stages.job import Step
 from elast_cli.store import LineageNode, Ref, Store
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
     from rich.tree import Tree
+
+    from elast_cli.stages.job import Step
 
 RESULTS_FILE = "results.json"
 _MOST_BYTES = 256 << 20  # of a results file

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING
 
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.manifest import JsonDict
-from elast_cli.preset import DEFAULT, Preset
 from elast_cli.progress import Progress, Silent
 from elast_cli.publish import Run
 from elast_cli.store import Recipe, Ref, Store
 
-Device = Literal["auto", "cpu", "cuda"]
+if TYPE_CHECKING:
+    from elast_cli.preset import Preset  # imports torch, which workers that collect do without
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ class Job:
 
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
+        from elast_cli.preset import DEFAULT
+
         words = f"--env {self.env}"
         words += f" --preset {self.preset}" if self.preset != DEFAULT else ""
         return words + (f" --seed {self.seed}" if self.seed else "")

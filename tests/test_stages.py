@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from elast_cli import preset
+from elast_cli.dataset import column_digests
+from elast_cli.envs import base
+from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
+from elast_cli.manifest import JsonDict
+from elast_cli.progress import Silent
+from elast_cli.publish import Run
+from elast_cli.stages import collect
+from elast_cli.stages.job import Job, Step, resolve_device
+from elast_cli.stages.resolve import resolve
+from elast_cli.store import Ref, Store
+
+ENV = "block-s"
+
+
+class Notes(Silent):
+    """Progress that remembers what was said."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.said.append(text)
+
+
+@pytest.fixture
+def job(home: Path) -> Job:
+    config = preset.load("quick", ENV, ["collect.n=60", "collect.episode_steps=10"])
+    return Job(store=Store(home), env=ENV, preset="quick", config=config)
+
+
+def publish(job: Job, kind: str, inputs: Mapping[str, Ref], *, mark: int = 0) -> Ref:
+    """A stand-in artifact; `mark` sets it apart from others of the same inputs."""
+
+    def make(run: Run) -> JsonDict:
+        (run.staging / "file").write_text(str(mark))
+        return {}
+
+    recipe = job.recipe(kind, {"mark": mark}, inputs, algorithm_version=1)
+    return Step(job, recipe, inputs, make).carry_out()
+
+
+def lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
+    """A whole chain of stand-ins."""
+    dataset = publish(job, "dataset", {}, mark=mark)
+    encoder = publish(job, "encoder", {"dataset": dataset})
+    both = {"dataset": dataset, "encoder": encoder}
+    ensemble = publish(job, "ensemble", both)
+    density = publish(job, "density", both)
+    policy = publish(job, "policy", {**both, "ensemble": ensemble})
+    return {**both, "ensemble": ensemble, "density": density, "policy": policy}
+
+
+MODELS = ("encoder", "ensemble", "density", "policy")
+
+
+def test_the_highest_versions_that_fit_are_taken_and_named(job: Job) -> None:
+    lineage(job)
+    newer = lineage(job, mark=1)
+    notes = Notes()
+    found = resolve(replace(job, progress=notes), MODELS)
+    assert found == {role: newer[role] for role in MODELS}
+    assert "block-s/encoder/v2" in notes.said[0]
+
+
+def test_an_incomplete_newer_lineage_is_not_mixed_with_an_older_one(job: Job) -> None:
+    older = lineage(job)
+    dataset = publish(job, "dataset", {}, mark=1)
+    publish(job, "encoder", {"dataset": dataset})
+    assert resolve(job, MODELS) == {role: older[role] for role in MODELS}
+    assert resolve(job, ("encoder",)) == {"encoder": Ref(ENV, "encoder", 2)}
+
+
+def test_given_artifacts_choose_the_rest(job: Job) -> None:
+    older = lineage(job)
+    lineage(job, mark=1)
+    given = replace(job, given={"policy": older["policy"]})
+    assert resolve(given, MODELS) == {role: older[role] for role in MODELS}
+
+
+def test_other_seeds_and_presets_are_never_taken(job: Job) -> None:
+    lineage(replace(job, seed=1))
+    lineage(replace(job, preset="standard"))
+    with pytest.raises(
+        MissingInputError, match=r"run: elast collect --env block-s --preset quick$"
+    ):
+        resolve(job, ("dataset",))
+    with pytest.raises(MissingInputError, match=r"--preset paper --seed 4$"):
+        resolve(replace(job, seed=4, preset="paper"), ("dataset",))
+
+
+def test_what_is_missing_is_named_with_its_command(job: Job) -> None:
+    dataset = publish(job, "dataset", {})
+    encoder = publish(job, "encoder", {"dataset": dataset})
+    given = replace(job, given={"encoder": encoder})
+    with pytest.raises(MissingInputError) as caught:
+        resolve(given, MODELS)
+    assert "elast train-ensemble --env block-s --preset quick --encoder block-s/encoder/v1" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        (lambda job: replace(job, seed=1), DataError, "--preset quick --seed 0"),
+        (lambda job: replace(job, preset="paper"), DataError, "never mixed"),
+        (lambda job: replace(job, env="other"), DataError, "of environment block-s, not other"),
+    ],
+)
+def test_a_given_artifact_of_another_lineage_is_refused(
+    job: Job, change: Callable[[Job], Job], error: type[Exception], words: str
+) -> None:
+    refs = lineage(job)
+    with pytest.raises(error, match=words):
+        resolve(replace(change(job), given={"encoder": refs["encoder"]}), ("encoder",))
+
+
+def test_given_artifacts_of_two_lineages_are_refused_with_both_digests(job: Job) -> None:
+    older, newer = lineage(job), lineage(job, mark=1)
+    for roles in (("dataset", "encoder"), ("ensemble", "density"), ("ensemble", "policy")):
+        given = {roles[0]: older[roles[0]], roles[1]: newer[roles[1]]}
+        with pytest.raises(DataError, match=r"digest \w{12} against \w{12}"):
+            resolve(replace(job, given=given), MODELS)
+
+
+def test_a_ref_of_another_kind_is_a_usage_error(job: Job) -> None:
+    refs = lineage(job)
+    with pytest.raises(UsageError, match="--encoder block-s/policy/v1: that is a policy"):
+        resolve(replace(job, given={"encoder": refs["policy"]}), ("encoder",))
+
+
+def test_a_damaged_artifact_is_never_chosen_by_itself(job: Job, home: Path) -> None:
+    older = lineage(job)
+    newer = lineage(job, mark=1)
+    path = job.store.path(newer["dataset"]) / "manifest.yaml"
+    path.write_text(path.read_text() + "\n")
+    assert resolve(job, ("dataset",)) == {"dataset": older["dataset"]}
+    with pytest.raises(DataError):
+        resolve(replace(job, given={"dataset": newer["dataset"]}), ("dataset",))
+
+
+# --- collect -------------------------------------------------------------------------------------
+
+
+def dataset_of(job: Job) -> tuple[Ref, dict[str, str]]:
+    ref = collect.step(job).carry_out()
+    return ref, column_digests(job.store.file(ref, collect.DATASET_FILE))
+
+
+def test_any_number_of_workers_collects_the_same(job: Job, tmp_path: Path) -> None:
+    config = preset.load("quick", ENV, ["collect.n=900", "collect.episode_steps=20"])
+    digests = []
+    for workers in (1, 2):
+        store = Store(tmp_path / f"with-{workers}")
+        ref, columns = dataset_of(replace(job, store=store, config=config, workers=workers))
+        digests.append((columns, store.manifest(ref).files))
+    assert digests[0] == digests[1]
+
+
+def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(collect, "CHUNK", 1)
+    _, whole = dataset_of(replace(job, store=Store(tmp_path / "whole")))
+    ran: list[int] = []
+    original = base.collect_episode
+
+    def counted(*args: object, index: int, **rest: object) -> object:
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        ran.append(index)
+        return original(*args, index=index, **rest)  # type: ignore[arg-type]  # passed through
+
+    monkeypatch.setattr(collect, "collect_episode", counted)
+    with pytest.raises(KeyboardInterrupt):
+        dataset_of(job)
+    assert job.store.refs() == []
+    monkeypatch.setattr(collect, "collect_episode", original)
+    notes = Notes()
+    _, resumed = dataset_of(replace(job, progress=notes))
+    assert resumed == whole
+    assert "2 episodes are there already" in notes.said[0]
+
+
+def test_fresh_forgets_what_was_begun(job: Job) -> None:
+    step = collect.step(replace(job, fresh=True))
+    with job.store.begin(step.recipe, parents={}) as run:
+        (run.work / "episode-0000000.h5").write_text("left by a broken disk")
+    ref = step.carry_out()
+    assert job.store.manifest(ref).metrics["episodes"] == 6
+
+
+def test_threads_and_device_are_no_part_of_a_dataset(job: Job) -> None:
+    first = collect.step(job).carry_out()
+    assert collect.step(replace(job, threads=2, workers=2)).carry_out() == first
+
+
+@pytest.mark.parametrize(("word", "error"), [("tpu", UsageError), ("cuda", UnavailableError)])
+def test_a_device_that_is_not_there_is_an_error(
+    word: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    assert resolve_device("auto") == "cpu"
+    with pytest.raises(error):
+        resolve_device(word)
