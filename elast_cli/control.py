@@ -79,6 +79,14 @@ class Route:
     length: Int64
     progress: Int64
 
+    def actions_left(self) -> Float32:
+        """Actions not yet played [B,T-1,A]; zero past the end."""
+        steps = self.progress[:, None] + np.arange(self.actions.shape[1])
+        known = steps < (self.length - 1)[:, None]
+        steps = np.minimum(steps, self.actions.shape[1] - 1)
+        left = np.take_along_axis(self.actions, steps[..., None], 1)
+        return np.where(known[..., None], left, np.float32(0))
+
     def updated(self, plan: Plan, rows: Int64) -> Route:
         """This route with new plans at `rows`, padded to one length."""
         longest = max(self.states.shape[1], plan.states.shape[1])
@@ -208,7 +216,8 @@ class Replan:
         if state.step % self.every == 0 and len(rows):
             index = state.step // self.every
             seeds = [derived_seed("plan", int(task.seed[b]), index) for b in rows]
-            query = Query(z[rows], state.goal[rows], task.context[rows], np.array(seeds))
+            left = None if route is None else route.actions_left()[rows]
+            query = Query(z[rows], state.goal[rows], task.context[rows], np.array(seeds), left)
             began = time.perf_counter()
             plan = self.planner.plan(query)
             log = log.add(plan, rows, time.perf_counter() - began)

@@ -14,14 +14,15 @@ from elast_cli.config import StrictModel
 from elast_cli.dataset import Dataset
 from elast_cli.fit import FitConfig, fit
 from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
-from elast_cli.models.density import DensityConfig, Support, TransitionDensity, nce_loss
+from elast_cli.models.density import DensityConfig, DensityModel, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.io import Sizes
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.probe import probe_state
 from elast_cli.progress import Progress
 from elast_cli.seeding import derived_seed, generator
-from elast_cli.shapes import Int64
+from elast_cli.shapes import FRAMES, Bool, Int64
 
 VALIDATION_ROWS = 2048
 STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
@@ -61,6 +62,7 @@ class Trained:
     """A trained module with its training curve and final metrics."""
 
     module: nn.Module
+    sizes: Sizes
     curve: list[dict[str, float]]
     metrics: dict[str, float]
 
@@ -93,9 +95,14 @@ class FrameWindows:
         self.episode = np.repeat(np.arange(dataset.episodes), dataset.ep_len)  # [N]
         self.first = dataset.ep_offset[self.episode]  # [N]
 
-    def stacks(self, rows: Int64) -> Tensor:
-        """Preprocessed stacks [M,...,F,3,S,S] of the states at `rows` [M,...]."""
-        back = np.arange(-2, 1)
+    def stacks(self, rows: Int64, still: Bool | None = None) -> Tensor:
+        """Preprocessed stacks [M,...,F,3,S,S] of the states at `rows` [M,...].
+
+        Where `still` [M,...] is set, the state's own frame stands in all places, as in a goal.
+        """
+        back = np.arange(1 - FRAMES, 1)
+        if still is not None:
+            back = np.where(still[..., None], 0, back)
         index = np.maximum(rows[..., None] + back, self.first[rows][..., None])
         return self.features[torch.from_numpy(index).to(self.features.device)]
 
@@ -103,11 +110,13 @@ class FrameWindows:
         """Context vectors [M,C] of the episodes that `rows` [M] lie in."""
         return self.context[torch.from_numpy(self.episode[rows]).to(self.context.device)]
 
-    def window(self, rows: Int64, horizon: int) -> tuple[Tensor, Tensor, Tensor]:
+    def window(
+        self, rows: Int64, horizon: int, still: Bool | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """States [M,k+1,...], actions [M,k,A] and contexts [M,C] from each of `rows` on."""
         steps = rows[:, None] + np.arange(horizon + 1)
         actions = self.actions[torch.from_numpy(steps[:, :-1]).to(self.actions.device)]
-        return self.stacks(steps), actions, self.contexts(rows)
+        return self.stacks(steps, still), actions, self.contexts(rows)
 
 
 def train_encoder(
@@ -135,7 +144,8 @@ def train_encoder(
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         rows = starts[rng.integers(len(starts), size=stage.fit.batch_size)]
-        return cpc_loss(model, *windows.window(rows, horizon), stage.cpc)
+        still = rng.random((len(rows), horizon + 1)) < stage.cpc.still_share
+        return cpc_loss(model, *windows.window(rows, horizon, still), stage.cpc)
 
     def validate() -> dict[str, float]:
         parts = [
@@ -159,7 +169,13 @@ def train_encoder(
     z, z_next = data.z[data.train], data.z[data.train + 1]
     model.scale.fit(z, z_next)
     model.step_length_quantiles.fit((z_next - z).norm(dim=1))
-    return Trained(model, curve, _encoder_metrics(model, data, dataset, curve))
+    sizes = Sizes(
+        latent=stage.net.latent_size,
+        action=action_size,
+        context=context.shape[1],
+        state=dataset.state.shape[1],
+    )
+    return Trained(model, sizes, curve, _encoder_metrics(model, data, dataset, curve))
 
 
 def _encoder_metrics(
@@ -185,13 +201,30 @@ def _encoder_metrics(
 
 @dataclass(frozen=True)
 class LatentData:
-    """A whole dataset encoded: latents [N,Z], actions [N,A], contexts [N,C], transition rows."""
+    """A whole dataset encoded.
+
+    Attributes:
+        z, action, context: latents [N,Z], actions [N,A], contexts [N,C].
+        state: true states [N,S], kept only so that people can read plans and probes.
+        train, val: rows at which a transition starts.
+    """
 
     z: Tensor
     action: Tensor
     context: Tensor
+    state: Tensor
     train: Tensor
     val: Tensor
+
+    @property
+    def sizes(self) -> Sizes:
+        """Sizes of the models trained on this data."""
+        return Sizes(
+            latent=self.z.shape[1],
+            action=self.action.shape[1],
+            context=self.context.shape[1],
+            state=self.state.shape[1],
+        )
 
     def transitions(self, rows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """z [M,Z], a [M,A], c [M,C], z' [M,Z] of the transitions that start at `rows` [M]."""
@@ -226,6 +259,7 @@ def encode(
         z=torch.cat(parts),
         action=windows.actions,
         context=windows.contexts(rows),
+        state=torch.from_numpy(dataset.state).to(device),
         train=torch.from_numpy(dataset.starts(train, 1)).to(device),
         val=torch.from_numpy(dataset.starts(val, 1)).to(device),
     )
@@ -294,36 +328,16 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
         "val_mse": curve[-1]["val_mse"],
         "val_one_step_error_in_steps": float(error.mean() / length),
     }
-    return Trained(model, curve, metrics)
+    return Trained(model, data.sizes, curve, metrics)
 
 
-class DensityModel(nn.Module):
-    """ψ and the support of the data, published as one artifact."""
-
-    def __init__(
-        self, config: DensityConfig, latent_size: int, context_size: int, state_size: int
-    ) -> None:
-        super().__init__()
-        self.transition = TransitionDensity(config, latent_size, context_size)
-        self.support = Support(config.support_size, latent_size, state_size)
-
-
-def train_density(
-    data: LatentData, state: Tensor, stage: DensityStage, setting: Setting
-) -> Trained:
-    """Train ψ by NCE (Eq. 2), then calibrate its threshold and the support on held-out states.
-
-    Args:
-        data: the encoded dataset.
-        state: true states [N,S], kept beside the support only so that people can read plans.
-        stage: configuration.
-        setting: seed, device, folder.
-    """
+def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Trained:
+    """Train ψ by NCE (Eq. 2), then calibrate its threshold and the support on held-out states."""
     seed_torch(setting.seed, "density")
     config = stage.net.model_copy(
         update={"support_size": min(stage.net.support_size, len(data.train))}
     )
-    model = DensityModel(config, data.z.shape[1], data.context.shape[1], state.shape[1])
+    model = DensityModel(config, data.z.shape[1], data.context.shape[1], data.state.shape[1])
     model.to(setting.device)
     psi, ratio = model.transition, config.noise_ratio
     _fit_scale(psi.scale, data)
@@ -354,16 +368,14 @@ def train_density(
     curve = _fit_on_latents(
         model, data, loss, validate, name="density", config=stage.fit, setting=setting
     )
-    _calibrate_density(model, data, state, setting)
+    _calibrate_density(model, data, setting)
     metrics = {name: curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
     metrics["support_distance_p99"] = model.support.distance_quantiles.at(0.99)
-    return Trained(model, curve, {f"val_{k}": v for k, v in metrics.items()})
+    return Trained(model, data.sizes, curve, {f"val_{k}": v for k, v in metrics.items()})
 
 
 @torch.no_grad()
-def _calibrate_density(
-    model: DensityModel, data: LatentData, state: Tensor, setting: Setting
-) -> None:
+def _calibrate_density(model: DensityModel, data: LatentData, setting: Setting) -> None:
     z, _, context, z_next = data.transitions(data.val)
     model.transition.log_density_quantiles.fit(model.transition(z, z_next, context))
     rng = generator("train", setting.seed, STAGES["density"])
@@ -372,7 +384,7 @@ def _calibrate_density(
     rows = data.train[pick.to(data.train.device)]
     model.support.rows.copy_(rows)
     model.support.latents.copy_(data.z[rows])
-    model.support.states.copy_(state.to(data.z.device)[rows])
+    model.support.states.copy_(data.state[rows])
     model.support.distance_quantiles.fit(model.support.distance(z_next))
 
 
@@ -412,5 +424,5 @@ def train_policy(
         "val_mse": curve[-1]["val_mse"],
         "val_round_trip_in_steps": float(miss.mean()) / length,
     }
-    return Trained(model, curve, metrics)
+    return Trained(model, data.sizes, curve, metrics)
 

@@ -19,6 +19,7 @@ class CpcConfig(StrictModel):
     horizon: int = Field(default=3, ge=1, le=20)
     consistency_weight: float = Field(default=1.0, ge=0)
     dynamics_width: int = Field(default=128, gt=0)
+    still_share: float = Field(default=0.0, ge=0, le=1)
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -37,6 +38,7 @@ class Representation(nn.Module):
         self, encoder: EncoderConfig, cpc: CpcConfig, action_size: int, context_size: int
     ) -> None:
         super().__init__()
+        self.cpc = cpc
         self.encoder = Encoder(encoder, context_size)
         self.dynamics = ForwardModel(
             encoder.latent_size, action_size, context_size, cpc.dynamics_width

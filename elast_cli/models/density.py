@@ -107,3 +107,14 @@ class Support(nn.Module):
         """Index [M] of the nearest training latent: decodes latents for people to look at."""
         parts = [torch.cdist(part, self.latents).argmin(1) for part in z.split(2048)]
         return torch.cat(parts)
+
+
+class DensityModel(nn.Module):
+    """ψ and the support of the data, published as one artifact."""
+
+    def __init__(
+        self, config: DensityConfig, latent_size: int, context_size: int, state_size: int
+    ) -> None:
+        super().__init__()
+        self.transition = TransitionDensity(config, latent_size, context_size)
+        self.support = Support(config.support_size, latent_size, state_size)

@@ -7,6 +7,7 @@ how many rows it came with, to the bit, on one CPU set-up.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 import torch
@@ -95,7 +96,7 @@ def _pair_hidden(
 class LatentWorld:
     """φ's latent space as a world to search: H_f, ψ, support and π for B scenarios.
 
-    Satisfies `planners.base.World`; contexts [B,C] are fixed, items name theirs by row.
+    Satisfies `planners.base.World`; items name their scenario, and so their context, by row.
     """
 
     def __init__(
@@ -105,14 +106,13 @@ class LatentWorld:
         density: TransitionDensity,
         support: Support,
         policy: LocalPolicy,
-        context: Float32,
         forward_model: ForwardModel | None = None,
     ) -> None:
         """Take frozen models; with `forward_model`, h_f alone predicts and variance is 0."""
         self.device = density.first.weight.device
         self.ensemble, self.density, self.policy = ensemble, density, policy
         self.support, self.single = support, forward_model
-        self.context = torch.from_numpy(context).to(self.device)
+        self.context = torch.zeros(0, 0)
         self.latent_size = density.latent_size
         self.width = density.config.width
         self.feature_size = 2 * self.width + self.latent_size
@@ -128,6 +128,12 @@ class LatentWorld:
         self._log_noise = float(
             -torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi)
         )
+
+    def at(self, context: Float32) -> LatentWorld:
+        """This world for scenarios with contexts [B,C]."""
+        world = copy(self)
+        world.context = torch.from_numpy(context).to(self.device)
+        return world
 
     def _in(self, x: Float32) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(x)).to(self.device)
@@ -203,20 +209,19 @@ def _first_layer_as_network(density: TransitionDensity) -> tuple[Tensor, Tensor]
 class CemRollout:
     """h_f rolled out for CEM: K action sequences of one scenario at a time."""
 
-    def __init__(self, model: ForwardModel, context: Float32, action_size: int) -> None:
+    def __init__(self, model: ForwardModel, action_size: int) -> None:
         self.net = model.net
         self.latent_size = model.net[-1].out_features
         self.action_size = action_size
         self.members = 1
-        self.context = torch.from_numpy(context)
 
     @torch.inference_mode()
-    def __call__(self, z: Tensor, actions: Tensor, row: int) -> Tensor:
-        """From z [Z] under action sequences [K,H,A] to latents [K,H,Z]."""
+    def __call__(self, z: Tensor, actions: Tensor, context: Tensor) -> Tensor:
+        """From z [Z] under action sequences [K,H,A] in context [C] to latents [K,H,Z]."""
         samples, horizon, size = actions.shape
-        x = torch.empty(samples, self.latent_size + size + self.context.shape[1])
+        x = torch.empty(samples, self.latent_size + size + len(context))
         x[:, : self.latent_size] = z
-        x[:, self.latent_size + size :] = self.context[row]
+        x[:, self.latent_size + size :] = context
         path = torch.empty(samples, horizon, self.latent_size)
         for t in range(horizon):
             x[:, self.latent_size : self.latent_size + size] = actions[:, t]

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from elast_cli.shapes import Bool, Float32, Int32, Int64
+from elast_cli.shapes import Bool, Float32, Int64
 
 
 @dataclass(frozen=True)
 class Query:
-    """B planning problems: latents start [B,Z] and goal [B,Z], context [B,C], seed [B]."""
+    """B planning problems.
+
+    Attributes:
+        start, goal: latents [B,Z].
+        context: [B,C].
+        seed: [B].
+        left: actions [B,H,A] not yet played of the plans before, zero where there are none.
+    """
 
     start: Float32
     goal: Float32
     context: Float32
     seed: Int64
-
-    def rows(self, keep: Int64) -> Query:
-        """The problems at `keep` [M]."""
-        return Query(self.start[keep], self.goal[keep], self.context[keep], self.seed[keep])
+    left: Float32 | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,9 @@ class World(Protocol):
         ...
 
 
+WorldOf = Callable[[Float32], World]  # the world of B scenarios, from their contexts [B,C]
+
+
 @dataclass(frozen=True)
 class Limits:
     """The tests of a transition; an infinite limit switches its test off.
@@ -112,14 +120,12 @@ class Radii:
     Attributes:
         neighbor: r_neigh, within which nodes are rewired.
         goal: r_goal, within which a path counts as having reached the goal.
+        crowding: within which nodes count as crowding each other; at most `neighbor`.
         duplicate: a new node this near to one that is no costlier is dropped.
     """
 
     neighbor: float
     goal: float
+    crowding: float = np.inf
     duplicate: float = 0.0
 
-
-def nearest_first(depth: Int32, distance: Float32) -> Int64:
-    """Order of nodes by cost, then by distance."""
-    return np.lexsort((distance, depth))

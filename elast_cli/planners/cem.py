@@ -27,7 +27,7 @@ class CemConfig(StrictModel):
     min_std: float = Field(default=0.05, ge=0)
     cost: Literal["terminal", "summed"] = "summed"
     replan_every: int = Field(default=5, ge=1)
-    warm_start: bool = True
+    warm_start: bool = True  # of the mean, by the actions left of the plan before
 
     @model_validator(mode="after")
     def _elites(self) -> CemConfig:
@@ -43,8 +43,8 @@ class Rollout(Protocol):
     action_size: int
     members: int
 
-    def __call__(self, z: Tensor, actions: Tensor, row: int) -> Tensor:
-        """From z [Z] under action sequences [K,H,A] to latents [K,H,Z]."""
+    def __call__(self, z: Tensor, actions: Tensor, context: Tensor) -> Tensor:
+        """From z [Z] under action sequences [K,H,A] in context [C] to latents [K,H,Z]."""
         ...
 
 
@@ -60,20 +60,18 @@ class CemPlanner:
     config: CemConfig
     goal_radius: float
 
-    def plan(self, query: Query, guess: Float32 | None = None) -> Plan:
-        """One action sequence a row; `guess` [B,H,A] warm-starts the mean."""
-        config, size = self.config, self.rollout.action_size
-        rows = len(query.start)
-        if guess is None:
-            guess = np.zeros((rows, config.horizon, size), np.float32)
+    def plan(self, query: Query) -> Plan:
+        """One action sequence a row."""
+        config, rows = self.config, len(query.start)
+        guess = np.zeros((rows, config.horizon, self.rollout.action_size), np.float32)
+        if config.warm_start and query.left is not None:
+            known = min(query.left.shape[1], config.horizon)
+            guess[:, :known] = query.left[:, :known]
+        start, goal, context, mean = map(
+            torch.from_numpy, (query.start, query.goal, query.context, guess)
+        )
         found = [
-            self._optimise(
-                torch.from_numpy(query.start[b]),
-                torch.from_numpy(query.goal[b]),
-                torch.from_numpy(guess[b]),
-                b,
-                int(query.seed[b]),
-            )
+            self._optimise(start[b], goal[b], context[b], mean[b], int(query.seed[b]))
             for b in range(rows)
         ]
         states = np.stack([path.numpy() for _, path in found])
@@ -92,7 +90,7 @@ class CemPlanner:
 
     @torch.inference_mode()
     def _optimise(
-        self, start: Tensor, goal: Tensor, guess: Tensor, row: int, seed: int
+        self, start: Tensor, goal: Tensor, context: Tensor, guess: Tensor, seed: int
     ) -> tuple[Tensor, Tensor]:
         """Best actions [H,A] seen and the latents [H+1,Z] they lead through."""
         config = self.config
@@ -103,7 +101,7 @@ class CemPlanner:
         for _ in range(config.n_steps):
             noise = torch.randn(shape, generator=generator)
             actions = (mean + std * noise).clamp(-1, 1)
-            path = self.rollout(start, actions, row)
+            path = self.rollout(start, actions, context)
             distance = (path - goal).norm(dim=-1)
             cost = distance[:, -1] if config.cost == "terminal" else distance.sum(1)
             elite = cost.topk(config.topk, largest=False).indices

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.planners import tree
-from elast_cli.planners.base import Limits, Plan, Query, Radii, World
+from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.tree import Forest
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
@@ -29,6 +29,8 @@ class TreeConfig(StrictModel):
     crowding: Literal["near", "reachable"] = "near"
     count_rejections: bool = True
     edge_actions: float = Field(default=0.5, ge=0, le=1)
+    momentum: float = Field(default=0.5, ge=0, le=1)
+    momentum_noise: float = Field(default=0.3, ge=0)
     rewire: bool = True
     connect_candidates: int = Field(default=3, ge=1)
     use_ensemble: bool = True
@@ -36,7 +38,8 @@ class TreeConfig(StrictModel):
     variance_quantile: float | None = Field(default=0.99, gt=0, le=1)
     support_quantile: float | None = Field(default=0.99, gt=0, le=1)
     round_trip_quantile: float | None = Field(default=0.95, gt=0, le=1)
-    neighbor_quantile: float = Field(default=0.75, gt=0, le=1)
+    neighbor_quantile: float = Field(default=0.95, gt=0, le=1)
+    crowding_steps: float | None = Field(default=1.0, gt=0)
     goal_steps: float = Field(default=1.0, gt=0)
     duplicate_steps: float = Field(default=0.2, ge=0)
 
@@ -67,7 +70,7 @@ class Tally:
 class ElastPlanner:
     """Plans by trees; row i of a batch equals a solo run of row i."""
 
-    world: World
+    world: WorldOf
     config: TreeConfig
     limits: Limits
     radii: Radii
@@ -83,7 +86,7 @@ class Search:
     """One batch of trees while it grows."""
 
     def __init__(self, planner: ElastPlanner, query: Query) -> None:
-        self.world, self.config = planner.world, planner.config
+        self.world, self.config = planner.world(query.context), planner.config
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
         scenarios = len(query.start)
@@ -98,11 +101,12 @@ class Search:
             actions=self.world.action_size,
         )
         self.pairs: Int32 = np.empty((1 << 14, 3), np.int32)
+        self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
 
     def _draw(self, scenarios: int) -> Float64:
-        """All random numbers of a plan [B,n,3+A], each row from its own generator."""
-        shape = (self.config.expansions, 3 + self.world.action_size)
+        """All random numbers of a plan [B,n,4+A], each row from its own generator."""
+        shape = (self.config.expansions, 4 + self.world.action_size)
         seeds = self.query.seed
         return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
@@ -124,8 +128,8 @@ class Search:
         self.done += size
         batch = self._propose(draws)
         alive = self._admissible(batch)
-        pairs = self._neighbors(batch, alive)
-        self._insert(batch, alive, pairs)
+        pairs, near = self._neighbors(batch, alive)
+        self._insert(batch, alive, pairs, near)
 
     def _propose(self, draws: Float64) -> Batch:
         """Choose nodes to expand and actions, and predict where they lead (Fig. 4 a, b)."""
@@ -141,10 +145,8 @@ class Search:
             config.sparse_exponent,
             parent,
         )
-        action = (2 * draws[..., 3:] - 1).astype(np.float32)
-        reach = np.abs(action).max(-1, keepdims=True).clip(1e-6)
-        action = np.where(draws[..., 2:3] < config.edge_actions, action / reach, action)
         row = np.repeat(np.arange(scenarios), size)
+        action = self._actions(draws, forest.action[row, parent.ravel()].reshape(*parent.shape, -1))
         z = forest.latent[row, parent.ravel()]
         z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
         self.tally.transitions += size * self.world.members
@@ -153,6 +155,21 @@ class Search:
         features = self.world.features(z_new, row)
         forest.feature[:, slots] = features.reshape(scenarios, size, -1)
         return Batch(parent, action, variance.reshape(scenarios, size), row)
+
+    def _actions(self, draws: Float64, inherited: Float32) -> Float32:
+        """Random actions [B,K,A]: uniform, or the parent's own with noise; some scaled to the edge.
+
+        Args:
+            draws: [B,K,4+A] in [0, 1): ..., edge?, keep?, direction.
+            inherited: action [B,K,A] on the edge into the node that is expanded; 0 at the root.
+        """
+        config = self.config
+        uniform = (2 * draws[..., 4:] - 1).astype(np.float32)
+        reach = np.abs(uniform).max(-1, keepdims=True).clip(1e-6)
+        uniform = np.where(draws[..., 2:3] < config.edge_actions, uniform / reach, uniform)
+        kept = (inherited + config.momentum_noise * uniform).clip(-1, 1)
+        keep = (draws[..., 3:4] < config.momentum) & (inherited != 0).any(-1, keepdims=True)
+        return np.where(keep, kept, uniform).astype(np.float32)
 
     def _index(self, row: Int64 | Int32, node: Int64 | Int32) -> Int64:
         """Flat index of nodes into the feature table."""
@@ -181,8 +198,11 @@ class Search:
             alive[left] = distance <= limits.max_support_distance
         return alive.reshape(scenarios, size)
 
-    def _neighbors(self, batch: Batch, alive: Bool) -> Int32:
-        """Pairs (b, k, node) [P,3] within r_neigh; duplicates are marked dead on the way."""
+    def _neighbors(self, batch: Batch, alive: Bool) -> tuple[Int32, Bool]:
+        """Pairs (b, k, node) [P,3] within r_neigh, and which crowd each other [P].
+
+        Duplicates are marked dead on the way.
+        """
         forest = self.forest
         new_depth = np.take_along_axis(forest.depth, batch.parent.astype(np.int64), 1) + 1
         while True:
@@ -196,12 +216,14 @@ class Search:
                 self.radii.neighbor,
                 self.radii.duplicate,
                 self.pairs,
+                self.gaps,
             )
             if found <= len(self.pairs):
-                return self.pairs[:found]
+                return self.pairs[:found], self.gaps[:found] <= self.radii.crowding**2
             self.pairs = np.empty((2 * found, 3), np.int32)
+            self.gaps = np.empty(2 * found, np.float32)
 
-    def _insert(self, batch: Batch, alive: Bool, pairs: Int32) -> None:
+    def _insert(self, batch: Batch, alive: Bool, pairs: Int32, near: Bool) -> None:
         """Add the candidates that passed, then rewire around them (Fig. 4 c-f)."""
         forest, config = self.forest, self.config
         before = forest.size.copy()
@@ -226,7 +248,7 @@ class Search:
         added = new[row, pairs[:, 1]]
         if config.count_rejections:
             np.add.at(forest.crowding, (batch.row, batch.parent.ravel()), ~alive.ravel())
-        into, out_of = self._count_neighbors(row, added, node)
+        into, out_of = self._count_neighbors(row, added, node, near)
         if config.rewire:
             self._offer(row, node, added, into)
             self._offer(row, added, node, out_of)
@@ -236,19 +258,19 @@ class Search:
         )
 
     def _count_neighbors(
-        self, row: Int32, added: Int32, node: Int32
+        self, row: Int32, added: Int32, node: Int32, near: Bool
     ) -> tuple[Bool | None, Bool | None]:
         """Update crowding; where ψ decides it, return which pairs are likely in each direction."""
         forest = self.forest
         if self.config.crowding == "near" or self.limits.min_log_density == -np.inf:
-            np.add.at(forest.crowding, (row, node), 1)
-            np.add.at(forest.crowding, (row, added), 1)
+            np.add.at(forest.crowding, (row[near], node[near]), 1)
+            np.add.at(forest.crowding, (row[near], added[near]), 1)
             return None, None
         wide = row.astype(np.int64)
         into = self._log_density(wide, node, added) >= self.limits.min_log_density
         out_of = self._log_density(wide, added, node) >= self.limits.min_log_density
-        np.add.at(forest.crowding, (row, node), into)
-        np.add.at(forest.crowding, (row, added), out_of)
+        np.add.at(forest.crowding, (row, node), into & near)
+        np.add.at(forest.crowding, (row, added), out_of & near)
         return into, out_of
 
     def _offer(self, row: Int32, source: Int32, target: Int32, likely: Bool | None) -> None:

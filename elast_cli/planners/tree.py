@@ -117,8 +117,11 @@ def find_neighbors(
     radius: float,
     duplicate: float,
     pairs: Int32,
+    gaps: Float32,
 ) -> int:
     """Write pairs (b, k, node) [P,3] of live candidates and tree nodes within `radius`.
+
+    Their squared distances go to `gaps` [P].
 
     A candidate within `duplicate` of a node that is no costlier is marked dead, and has no pairs.
     Returns the number of pairs found; where that exceeds the room in `pairs`, call again with more
@@ -148,6 +151,7 @@ def find_neighbors(
                         pairs[found, 0] = b
                         pairs[found, 1] = k
                         pairs[found, 2] = j
+                        gaps[found] = gap
                     found += 1
     return found
 

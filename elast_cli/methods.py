@@ -1,0 +1,252 @@
+"""The table of methods: what each needs, and how it is built. Models and planners meet here."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elast_cli.errors import UsageError
+from elast_cli.manifest import JsonDict
+
+if TYPE_CHECKING:
+    from elast_cli.control import Controller
+    from elast_cli.models.cpc import Representation
+    from elast_cli.models.density import DensityModel
+    from elast_cli.models.dynamics import DynamicsEnsemble
+    from elast_cli.models.policy import LocalPolicy
+    from elast_cli.planners.base import Limits, Radii
+    from elast_cli.planners.elast import ElastPlanner, TreeConfig
+    from elast_cli.preset import Preset
+
+
+@dataclass(frozen=True)
+class Models:
+    """Trained parts loaded for inference; what a method does not need stays None."""
+
+    encoder: Representation
+    ensemble: DynamicsEnsemble
+    density: DensityModel
+    policy: LocalPolicy
+
+
+Build = Callable[["Models", "Preset", str, int], "Controller[Any]"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table.
+
+    Attributes:
+        name: the word given to `--methods`.
+        about: one line for people.
+        needs: kinds of artifacts.
+        uses: sections of the preset that change its results.
+        build: from (models, preset, environment, rows) to a controller.
+        changes: keys of sections that differ from the preset, for variants.
+    """
+
+    name: str
+    about: str
+    needs: tuple[str, ...]
+    uses: tuple[str, ...]
+    build: Build
+    changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def configure(self, preset: Preset) -> Preset:
+        """The preset with this method's changes in it, validated."""
+        data = {
+            name: {**getattr(preset, name).model_dump(), **change}
+            for name, change in self.changes.items()
+        }
+        sections = {name: type(getattr(preset, name))(**values) for name, values in data.items()}
+        return preset.model_copy(update=sections)
+
+    def sections(self, preset: Preset) -> JsonDict:
+        """The configuration that this method's results depend on."""
+        own = self.configure(preset)
+        return {name: getattr(own, name).model_dump(mode="json") for name in self.uses}
+
+
+def _elast(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:
+    from elast_cli.control import Replan, TrackStates
+    from elast_cli.models.inference import FrameEncoder, PolicyCall
+
+    return Replan(
+        FrameEncoder(models.encoder.encoder),
+        elast_planner(models, preset.planner),
+        TrackStates(PolicyCall(models.policy), preset.control.lookahead),
+        preset.control.replan_every,
+    )
+
+
+def elast_planner(models: Models, config: TreeConfig) -> ElastPlanner:
+    """The tree planner on trained models, with its thresholds from their calibration."""
+    from elast_cli.models.inference import LatentWorld
+    from elast_cli.planners.elast import ElastPlanner
+
+    world = LatentWorld(
+        ensemble=models.ensemble,
+        density=models.density.transition,
+        support=models.density.support,
+        policy=models.policy,
+        forward_model=None if config.use_ensemble else models.encoder.dynamics,
+    )
+    return ElastPlanner(world.at, config, limits(models, config), radii(models, config))
+
+
+def limits(models: Models, config: TreeConfig) -> Limits:
+    """Thresholds of a transition: quantiles of the same quantities on held-out transitions."""
+    from elast_cli.planners.base import Limits
+
+    def at(table: Any, quantile: float | None, off: float) -> float:
+        return off if quantile is None else float(table.at(quantile))
+
+    density, off = models.density, np.inf
+    return Limits(
+        at(density.transition.log_density_quantiles, config.density_quantile, -off),
+        at(models.ensemble.variance_quantiles, config.variance_quantile, off),
+        at(density.support.distance_quantiles, config.support_quantile, off),
+        at(models.policy.round_trip_quantiles, config.round_trip_quantile, off),
+    )
+
+
+def radii(models: Models, config: TreeConfig) -> Radii:
+    """Radii in latent units, from the lengths of observed steps."""
+    from elast_cli.planners.base import Radii
+
+    median = models.encoder.step_length(0.5)
+    crowding = np.inf if config.crowding_steps is None else config.crowding_steps * median
+    return Radii(
+        neighbor=models.encoder.step_length(config.neighbor_quantile),
+        goal=config.goal_steps * median,
+        crowding=crowding,
+        duplicate=config.duplicate_steps * median,
+    )
+
+
+def _cem(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:
+    from elast_cli.control import PlayActions, Replan
+    from elast_cli.envs import spec
+    from elast_cli.models.inference import CemRollout, FrameEncoder
+    from elast_cli.planners.cem import CemPlanner
+
+    rollout = CemRollout(models.encoder.dynamics, spec(env).action_size)
+    radius = preset.planner.goal_steps * models.encoder.step_length(0.5)
+    planner = CemPlanner(rollout, preset.cem, radius)
+    encoder = FrameEncoder(models.encoder.encoder)
+    return Replan(encoder, planner, PlayActions(), preset.cem.replan_every)
+
+
+def _random(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:
+    from elast_cli.control import Random
+    from elast_cli.envs import RandomPolicy, spec
+
+    size = spec(env).action_size
+    return Random([RandomPolicy(size, preset.collect.policy) for _ in range(rows)])
+
+
+_LEARNED = ("encoder", "ensemble", "density", "policy")
+METHODS: dict[str, Method] = {}
+
+
+def _add(method: Method) -> None:
+    METHODS[method.name] = method
+
+
+def variant(name: str, *, of: str, about: str, **changes: Any) -> None:
+    """Add a method that differs from another in keys of its `planner` section."""
+    base = METHODS[of]
+    planner = {**base.changes.get("planner", {}), **changes}
+    _add(Method(name, about, base.needs, base.uses, base.build, {"planner": planner}))
+
+
+_add(Method("elast", "tree search with all tests", _LEARNED, ("planner", "control"), _elast))
+_add(Method("cpc-cem", "cross-entropy method on h_f", ("encoder",), ("cem",), _cem))
+_add(Method("random", "the collection policy", (), ("collect",), _random))
+variant(
+    "elast-psi",
+    of="elast",
+    about="without the support and round-trip tests",
+    support_quantile=None,
+    round_trip_quantile=None,
+)
+variant(
+    "elast-literal",
+    of="elast-psi",
+    about="Sec. 4.3 to the letter",
+    batch_min=1,
+    batch_max=1,
+    sparse_exponent=1.0,
+    crowding="reachable",
+    crowding_steps=None,
+    count_rejections=False,
+    edge_actions=0.0,
+    momentum=0.0,
+    duplicate_steps=0.0,
+)
+variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
+variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)
+for _base in ("elast", "elast-psi"):
+    variant(f"{_base}-no-density", of=_base, about="ψ rejects nothing", density_quantile=None)
+    variant(f"{_base}-no-rewire", of=_base, about="no rewiring", rewire=False)
+    variant(
+        f"{_base}-no-sparse",
+        of=_base,
+        about="no bias to sparse nodes",
+        p_sparse=0.0,
+        p_uniform=0.98,
+    )
+    variant(
+        f"{_base}-no-ensemble",
+        of=_base,
+        about="h_f alone, no variance test",
+        use_ensemble=False,
+        variance_quantile=None,
+    )
+
+
+def method_named(name: str) -> Method:
+    """The method of that name.
+
+    Raises:
+        UsageError: naming the choices and the closest of them.
+    """
+    if name not in METHODS:
+        close = difflib.get_close_matches(name, METHODS, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise UsageError(f"unknown method {name!r}{hint}; choose {', '.join(METHODS)}")
+    return METHODS[name]
+
+
+def load_models(folders: Mapping[str, Path], device: str) -> Models:
+    """The trained parts in `folders`, by kind; parts that are not there stay None."""
+    from elast_cli.models.io import load_model
+
+    parts: dict[str, Any] = dict.fromkeys(_LEARNED)
+    for kind in _LEARNED:
+        if kind in folders:
+            parts[kind] = load_model(folders[kind], kind).to(device)
+    return Models(**parts)
+
+
+def controller(
+    name: str, folders: Mapping[str, Path], preset: Preset, env: str, *, device: str, rows: int
+) -> Controller[Any]:
+    """A method ready to run `rows` episodes of `env` side by side.
+
+    Args:
+        name: of the method.
+        folders: folder of each artifact that it needs, by kind.
+        preset: all configuration.
+        env: name of the environment.
+        device: "cpu" or "cuda".
+        rows: number of episodes B.
+    """
+    method = method_named(name)
+    models = load_models({kind: folders[kind] for kind in method.needs}, device)
+    return method.build(models, method.configure(preset), env, rows)

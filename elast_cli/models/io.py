@@ -1,0 +1,153 @@
+"""Trained models on disk: weights as safetensors, sizes as YAML. Reading runs no code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import torch
+from pydantic import Field
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from elast_cli.config import StrictModel, dump_yaml, open_regular, read_yaml, validate
+from elast_cli.errors import DataError
+from elast_cli.models.cpc import CpcConfig, Representation
+from elast_cli.models.density import DensityConfig, DensityModel
+from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.policy import LocalPolicy, PolicyConfig
+
+WEIGHTS = "model.safetensors"
+SIZES = "model.yaml"
+_MAX_HEADER = 1 << 20
+_MAX_WIDTH = 1 << 20
+
+
+class Sizes(StrictModel):
+    """What a model's shape depends on besides its configuration."""
+
+    latent: int = Field(gt=0, le=_MAX_WIDTH)
+    action: int = Field(gt=0, le=_MAX_WIDTH)
+    context: int = Field(ge=0, le=_MAX_WIDTH)
+    state: int = Field(gt=0, le=_MAX_WIDTH)
+
+
+class _EncoderSpec(StrictModel):
+    sizes: Sizes
+    net: EncoderConfig
+    cpc: CpcConfig
+
+    def build(self) -> nn.Module:
+        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)
+
+
+class _EnsembleSpec(StrictModel):
+    sizes: Sizes
+    net: EnsembleConfig
+
+    def build(self) -> nn.Module:
+        sizes = self.sizes
+        return DynamicsEnsemble(self.net, sizes.latent, sizes.action, sizes.context)
+
+
+class _DensitySpec(StrictModel):
+    sizes: Sizes
+    net: DensityConfig
+
+    def build(self) -> nn.Module:
+        sizes = self.sizes
+        return DensityModel(self.net, sizes.latent, sizes.context, sizes.state)
+
+
+class _PolicySpec(StrictModel):
+    sizes: Sizes
+    net: PolicyConfig
+
+    def build(self) -> nn.Module:
+        sizes = self.sizes
+        return LocalPolicy(self.net, sizes.latent, sizes.action, sizes.context)
+
+
+Spec = _EncoderSpec | _EnsembleSpec | _DensitySpec | _PolicySpec
+SPECS: dict[str, type[Spec]] = {
+    "encoder": _EncoderSpec,
+    "ensemble": _EnsembleSpec,
+    "density": _DensitySpec,
+    "policy": _PolicySpec,
+}
+
+
+def save_model(folder: Path, module: nn.Module, *, sizes: Sizes) -> None:
+    """Write the weights and all that is needed to build the module again into `folder`."""
+    if isinstance(module, Representation):
+        spec: Spec = _EncoderSpec(sizes=sizes, net=module.encoder.config, cpc=module.cpc)
+    elif isinstance(module, DynamicsEnsemble):
+        spec = _EnsembleSpec(sizes=sizes, net=module.config)
+    elif isinstance(module, DensityModel):
+        spec = _DensitySpec(sizes=sizes, net=module.transition.config)
+    elif isinstance(module, LocalPolicy):
+        spec = _PolicySpec(sizes=sizes, net=module.config)
+    else:
+        raise TypeError(f"{type(module).__name__} is not a kind of artifact")
+    weights = {k: v.detach().cpu().contiguous() for k, v in module.state_dict().items()}
+    save_file(weights, folder / WEIGHTS)
+    (folder / SIZES).write_text(dump_yaml(spec.model_dump(mode="json")))
+
+
+def load_model(folder: Path, kind: str) -> nn.Module:
+    """Build a model of `kind` and fill it with the weights in `folder`; ready for inference.
+
+    Raises:
+        DataError: not safetensors, tensors of other names, shapes or types, or not finite.
+    """
+    spec = validate(
+        SPECS[kind],
+        read_yaml(folder / SIZES, error=DataError),
+        where=str(folder / SIZES),
+        error=DataError,
+    )
+    path = folder / WEIGHTS
+    _check_header(path)
+    with torch.device("meta"):
+        module = spec.build()
+    try:
+        weights = load_file(path)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise DataError(f"{path}: not a safetensors file: {error}") from error
+    _check_tensors(path, weights, module.state_dict())
+    module.load_state_dict(weights, assign=True)
+    for parameter in module.parameters():
+        parameter.requires_grad_(False)
+    return module.eval()
+
+
+def _check_header(path: Path) -> None:
+    """Refuse a header that is too long or no JSON object before the library reads it."""
+    with open_regular(path) as file:
+        length = int.from_bytes(file.read(8), "little")
+        if length > _MAX_HEADER:
+            raise DataError(f"{path}: not a safetensors file, or its header is too long")
+        try:
+            header = json.loads(file.read(length))
+        except (ValueError, RecursionError) as error:
+            raise DataError(f"{path}: not a safetensors file: {error}") from error
+    if not isinstance(header, dict):
+        raise DataError(f"{path}: not a safetensors file: its header is no mapping")
+
+
+def _check_tensors(path: Path, found: dict[str, Tensor], expected: dict[str, Tensor]) -> None:
+    odd = sorted(set(found) ^ set(expected))
+    if odd:
+        what = "unexpected" if odd[0] in found else "missing"
+        raise DataError(f"{path}: {what} tensor {odd[0]}")
+    for name, tensor in found.items():
+        want = expected[name]
+        if tensor.shape != want.shape or tensor.dtype != want.dtype:
+            raise DataError(
+                f"{path}: tensor {name} is {tensor.dtype} {list(tensor.shape)}, "
+                f"expected {want.dtype} {list(want.shape)}"
+            )
+        if tensor.is_floating_point() and not torch.isfinite(tensor).all():
+            raise DataError(f"{path}: tensor {name} has values that are not finite")

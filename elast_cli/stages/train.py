@@ -1,0 +1,145 @@
+"""`elast train-*`: one learned part each, resumable at any step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from elast_cli.config import StrictModel
+from elast_cli.fit import write_metrics
+from elast_cli.manifest import JsonDict
+from elast_cli.preset import Preset
+from elast_cli.publish import Run
+from elast_cli.stages.collect import DATASET_FILE
+from elast_cli.stages.job import Job, Step, limit_threads
+from elast_cli.stages.resolve import resolve
+from elast_cli.store import Ref
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from elast_cli.dataset import Dataset
+    from elast_cli.training import LatentData, Setting, Trained
+
+ALGORITHM_VERSION = 1
+
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "encoder": ("dataset",),
+    "ensemble": ("dataset", "encoder"),
+    "density": ("dataset", "encoder"),
+    "policy": ("dataset", "encoder", "ensemble"),
+}
+
+
+def section(config: Preset, kind: str) -> StrictModel:
+    """The configuration of one learned part."""
+    found: StrictModel = getattr(config, kind)
+    return found
+
+
+def step(job: Job, kind: str) -> Step:
+    """One learned part, on the artifacts that the job names or that fit.
+
+    Raises:
+        MissingInputError: an input is not made yet.
+        DataError: the inputs named are of different lineages.
+    """
+    inputs = resolve(job, NEEDS[kind])
+    config: JsonDict = {kind: section(job.config, kind).model_dump(mode="json")}
+    recipe = job.recipe(kind, config, inputs, algorithm_version=ALGORITHM_VERSION)
+    return Step(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
+
+
+def load(job: Job, kind: str, ref: Ref) -> nn.Module:
+    """A learned part, after its files were verified.
+
+    Raises:
+        DataError: a file was changed, or is no model of that kind.
+    """
+    from elast_cli.models.io import load_model
+
+    for name in job.store.manifest(ref).files:
+        job.store.file(ref, name)
+    return load_model(job.store.path(ref), kind)
+
+
+def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict:
+    import torch
+
+    from elast_cli.dataset import Dataset
+    from elast_cli.models.io import save_model
+    from elast_cli.training import Setting
+
+    began, cpu = time.monotonic(), time.process_time()
+    limit_threads(job.threads)
+    dataset = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE))
+    context = torch.zeros(dataset.episodes, 0)
+    setting = Setting(
+        seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
+    )
+    trained = _TRAINERS[kind](job, inputs, dataset, context, setting)
+    save_model(run.staging, trained.module, sizes=trained.sizes)
+    write_metrics(trained.curve, run.staging)
+    metrics: JsonDict = {**trained.metrics}
+    metrics["wall_s"] = round(time.monotonic() - began, 3)
+    metrics["cpu_s"] = round(time.process_time() - cpu, 3)
+    return metrics
+
+
+# --- one trainer a part --------------------------------------------------------------------------
+
+_Trainer = Callable[[Job, Mapping[str, Ref], "Dataset", "Tensor", "Setting"], "Trained"]
+
+
+def _encoder(
+    job: Job, _inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+) -> Trained:
+    from elast_cli.training import train_encoder
+
+    return train_encoder(dataset, context, job.config.encoder, setting)
+
+
+def _ensemble(
+    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+) -> Trained:
+    from elast_cli.training import train_ensemble
+
+    data = _encoded(job, inputs, dataset, context, setting)
+    return train_ensemble(data, job.config.ensemble, setting)
+
+
+def _density(
+    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+) -> Trained:
+    from elast_cli.training import train_density
+
+    data = _encoded(job, inputs, dataset, context, setting)
+    return train_density(data, job.config.density, setting)
+
+
+def _policy(
+    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+) -> Trained:
+    from elast_cli.training import train_policy
+
+    data = _encoded(job, inputs, dataset, context, setting)
+    ensemble = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
+    return train_policy(data, ensemble, job.config.policy, setting)
+
+
+def _encoded(
+    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+) -> LatentData:
+    from elast_cli.training import encode
+
+    model = load(job, "encoder", inputs["encoder"]).to(setting.device)
+    return encode(dataset, context, model, setting)
+
+
+_TRAINERS: Mapping[str, _Trainer] = {
+    "encoder": _encoder,
+    "ensemble": _ensemble,
+    "density": _density,
+    "policy": _policy,
+}
