@@ -16,6 +16,13 @@ MAKERS: Mapping[str, str] = {
     "policy": "train-policy",
 }
 ROLES = tuple(MAKERS)  # in the order in which they are made
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "dataset": (),
+    "encoder": ("dataset",),
+    "ensemble": ("dataset", "encoder"),
+    "density": ("dataset", "encoder"),
+    "policy": ("dataset", "encoder", "ensemble"),
+}
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
@@ -33,7 +40,9 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
     wanted = [role for role in ROLES if role in roles or role in given]
     for end in range(1, len(wanted) + 1):
         if search.choose(wanted[:end], {}) is None:
-            raise MissingInputError(_missing(job, wanted[end - 1], given))
+            role = wanted[end - 1]
+            before = [need for need in NEEDS[role] if not search.candidates[need]]
+            raise MissingInputError(_missing(job, [*before, role][0], given))
     chosen = search.choose(wanted, {})
     assert chosen is not None  # the loop's last turn
     found = [str(chosen[role]) for role in wanted if role not in given]

@@ -13,7 +13,7 @@ from elast_cli.preset import Preset
 from elast_cli.publish import Run
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import Job, Step, limit_threads
-from elast_cli.stages.resolve import resolve
+from elast_cli.stages.resolve import NEEDS, resolve
 from elast_cli.store import Ref
 
 if TYPE_CHECKING:
@@ -23,13 +23,6 @@ if TYPE_CHECKING:
     from elast_cli.training import LatentData, Setting, Trained
 
 ALGORITHM_VERSION = 1
-
-NEEDS: Mapping[str, tuple[str, ...]] = {
-    "encoder": ("dataset",),
-    "ensemble": ("dataset", "encoder"),
-    "density": ("dataset", "encoder"),
-    "policy": ("dataset", "encoder", "ensemble"),
-}
 
 
 def section(config: Preset, kind: str) -> StrictModel:
@@ -121,19 +114,23 @@ def _density(
 def _policy(
     job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
 ) -> Trained:
+    from elast_cli.models.dynamics import DynamicsEnsemble
     from elast_cli.training import train_policy
 
     data = _encoded(job, inputs, dataset, context, setting)
     ensemble = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
+    assert isinstance(ensemble, DynamicsEnsemble)
     return train_policy(data, ensemble, job.config.policy, setting)
 
 
 def _encoded(
     job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
 ) -> LatentData:
+    from elast_cli.models.cpc import Representation
     from elast_cli.training import encode
 
     model = load(job, "encoder", inputs["encoder"]).to(setting.device)
+    assert isinstance(model, Representation)
     return encode(dataset, context, model, setting)
 
 

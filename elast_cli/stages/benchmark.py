@@ -1,0 +1,188 @@
+"""`elast eval` and `elast run`: methods by training seeds into one report an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from elast_cli.envs import spec
+from elast_cli.errors import MissingInputError, RequirementError, UsageError
+from elast_cli.manifest import JsonDict
+from elast_cli.methods import method_named
+from elast_cli.progress import Silent
+from elast_cli.report import Cell, EpisodeRow, results_document, summarize
+from elast_cli.requirements import Requirement, check, expect, parse_requirement
+from elast_cli.stages import evaluate
+from elast_cli.stages.inspect import episode_rows
+from elast_cli.stages.job import Job
+from elast_cli.stages.resolve import resolve
+from elast_cli.stages.results import report_step, table_text
+from elast_cli.stages.run import make_models, planned_models
+from elast_cli.store import Ref
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Methods, levels (None: all of an environment) and training seeds to evaluate."""
+
+    methods: tuple[str, ...]
+    levels: tuple[str, ...] | None
+    seeds: tuple[int, ...]
+    requirements: tuple[Requirement, ...] = ()
+
+    @classmethod
+    def parse(
+        cls, methods: str, levels: str | None, seeds: str | None, seed: int, bounds: Sequence[str]
+    ) -> Benchmark:
+        """What the flags ask for.
+
+        Raises:
+            UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
+        """
+        names = _words(methods, "--methods")
+        for name in names:
+            method_named(name)
+        wanted = _words(seeds, "--seeds") if seeds is not None else (str(seed),)
+        if not all(text.isascii() and text.isdigit() for text in wanted):
+            raise UsageError(f"--seeds {seeds!r}: expected numbers and commas, as in 0,1,2")
+        return cls(
+            names,
+            _words(levels, "--level") if levels is not None else None,
+            tuple(dict.fromkeys(int(text) for text in wanted)),
+            tuple(parse_requirement(text) for text in bounds),
+        )
+
+    def levels_of(self, env: str) -> tuple[str, ...]:
+        """The levels to evaluate of one environment. Raises UsageError if one is unknown."""
+        known = spec(env).env_class
+        names = tuple(known.levels) if self.levels is None else self.levels
+        return tuple(known.level(name).name for name in names)
+
+    def roles(self) -> list[str]:
+        """All artifacts that the methods need."""
+        return list(
+            dict.fromkeys(role for name in self.methods for role in method_named(name).needs)
+        )
+
+    def expect(self, envs: Sequence[str]) -> None:
+        """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
+        cells = [
+            Cell(env, level, method)
+            for env in envs
+            for level in self.levels_of(env)
+            for method in self.methods
+        ]
+        expect(self.requirements, cells)
+
+
+def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
+    """The jobs whose models are all there; for the others the command that makes them is noted.
+
+    Raises:
+        MissingInputError: there is no such job.
+    """
+    found, missing = [], []
+    for job in jobs:
+        try:
+            for seed in bench.seeds:
+                resolve(replace(job, seed=seed, progress=Silent()), bench.roles())
+            found.append(job)
+        except MissingInputError as reason:
+            missing.append(reason)
+    if not found:
+        raise missing[0]
+    for reason in missing:
+        found[0].progress.note(f"left out: {reason}")
+    return found
+
+
+def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
+    """The report of one environment; with `make`, missing data and models are made first."""
+    levels = bench.levels_of(job.env)
+    evaluations: dict[tuple[str, int], Ref] = {}
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        if make:
+            made = make_models(of_seed, bench.roles())
+            of_seed = replace(of_seed, given=made)
+        for method in bench.methods:
+            evaluations[method, seed] = evaluate.step(of_seed, method, levels).carry_out()
+    return report_step(job, evaluations).carry_out()
+
+
+def planned(job: Job, bench: Benchmark) -> list[JsonDict]:
+    """What `evaluate_all` would find and make, in order."""
+    rows: list[JsonDict] = []
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        models = planned_models(of_seed, bench.roles())
+        rows += models
+        given = {
+            str(row["kind"]): Ref.parse(str(row["published"])) for row in models if row["published"]
+        }
+        for method in bench.methods:
+            ref = None
+            if all(role in given for role in method_named(method).needs):
+                ready = replace(of_seed, given=given)
+                ref = evaluate.step(ready, method, bench.levels_of(job.env)).published()
+            published = str(ref) if ref else None
+            rows.append(
+                {"env": job.env, "kind": f"eval {method}", "seed": seed, "published": published}
+            )
+    return rows
+
+
+def planned_text(rows: Sequence[JsonDict]) -> str:
+    """A dry run for people."""
+    lines = []
+    for row in rows:
+        state = f"there: {row['published']}" if row["published"] else "to make"
+        lines.append(f"{row['env']}  seed {row['seed']}  {row['kind']!s:<16} {state}")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Reports of some environments, read together."""
+
+    rows: list[EpisodeRow]
+    lineage: JsonDict
+    folders: dict[str, str]
+
+    @classmethod
+    def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:
+        """The episodes of all reports."""
+        store = job.store
+        rows = [row for ref in reports for row in episode_rows(store, ref)]
+        lineage: JsonDict = {
+            str(ref): {role: parent.ref for role, parent in store.manifest(ref).parents.items()}
+            for ref in reports
+        }
+        return cls(rows, lineage, {str(ref): str(store.path(ref)) for ref in reports})
+
+    def document(self, bench: Benchmark) -> JsonDict:
+        """The results JSON."""
+        settings = {"methods": bench.methods, "seeds": bench.seeds, "reports": self.folders}
+        return results_document(self.rows, self.lineage, settings)
+
+    def text(self) -> str:
+        """The table, and where the pictures are."""
+        where = [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
+        return "\n".join([table_text(summarize(self.rows)), *where])
+
+    def require(self, bench: Benchmark) -> None:
+        """Raise RequirementError if a bound is missed."""
+        if not bench.requirements:
+            return
+        verdicts = check(bench.requirements, summarize(self.rows))
+        missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]
+        if missed:
+            raise RequirementError(f"missed: {'; '.join(missed)}")
+
+
+def _words(text: str, flag: str) -> tuple[str, ...]:
+    """The comma-separated words of a flag, each once."""
+    words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError(f"{flag} {text!r}: expected one or more names, separated by commas")
+    return words

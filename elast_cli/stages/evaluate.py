@@ -1,0 +1,220 @@
+"""`elast eval`: episodes of one method as one artifact, resumable episode by episode."""
+
+from __future__ import annotations
+
+import os
+import time
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elast_cli.envs import Scenario, make, scenarios, spec
+from elast_cli.manifest import JsonDict
+from elast_cli.methods import method_named
+from elast_cli.progress import Silent
+from elast_cli.publish import Run
+from elast_cli.report import EpisodeRow
+from elast_cli.seeding import derived_seed
+from elast_cli.stages.job import Job, Step, limit_threads
+from elast_cli.stages.resolve import resolve
+from elast_cli.stages.results import write_results
+from elast_cli.stages.workers import each
+from elast_cli.store import Ref
+
+if TYPE_CHECKING:
+    from elast_cli.control import Trace
+
+ALGORITHM_VERSION = 1
+
+
+def step(job: Job, method: str, levels: Sequence[str]) -> Step:
+    """The evaluation of one method on some levels.
+
+    Raises:
+        UsageError: unknown method or level.
+        MissingInputError: a model that the method needs is not made yet.
+    """
+    entry = method_named(method)
+    known = spec(job.env).env_class
+    inputs = resolve(job, entry.needs)
+    settings = job.config.eval
+    config: JsonDict = {
+        "method": method,
+        "sections": entry.sections(job.config),
+        "env": job.config.env,
+        "levels": {level: known.level(level).max_steps for level in levels},
+        "episodes": settings.episodes,
+        "scenario_seed": settings.scenario_seed,
+        "domain": settings.domain,
+    }
+    recipe = job.recipe("eval", config, inputs, algorithm_version=ALGORITHM_VERSION)
+    return Step(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A few episodes of one level for one worker."""
+
+    job: Job
+    method: str
+    inputs: Mapping[str, Ref]
+    scenarios: tuple[Scenario, ...]
+    folder: Path
+
+
+def _evaluate(
+    job: Job, method: str, levels: Sequence[str], inputs: Mapping[str, Ref], run: Run
+) -> JsonDict:
+    began = time.monotonic()
+    for ref in inputs.values():
+        for name in job.store.manifest(ref).files:
+            job.store.file(ref, name)  # verified once, before any worker reads it
+    every = [scenario for level in levels for scenario in _scenarios(job, level)]
+    missing = [s for s in every if not _row_path(run.work, s.level, s.index).exists()]
+    chunks = _chunks(replace(job, progress=Silent()), method, inputs, missing, run.work)
+    with job.progress.task(f"{method} (episodes)", len(every)) as advance:
+        advance(len(every) - len(missing))
+        for done in each(_run_chunk, chunks, workers=job.workers):
+            advance(done)
+    rows = [_read_row(_row_path(run.work, s.level, s.index)) for s in every]
+    for level in levels:
+        _draw(run, method, level, [row for row in rows if row.level == level])
+    lineage = {role: str(ref) for role, ref in inputs.items()}
+    overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
+    metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
+    return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
+
+
+def _scenarios(job: Job, level: str) -> list[Scenario]:
+    settings = job.config.eval
+    return scenarios(
+        job.env,
+        level,
+        seed=settings.scenario_seed,
+        count=settings.episodes,
+        domain=settings.domain,
+        config=job.config.env,
+    )
+
+
+def _chunks(
+    job: Job, method: str, inputs: Mapping[str, Ref], missing: Sequence[Scenario], folder: Path
+) -> list[_Chunk]:
+    """Episodes of one level each, as many as run side by side, fewer if workers were idle."""
+    found = []
+    for level in dict.fromkeys(scenario.level for scenario in missing):
+        of_level = [scenario for scenario in missing if scenario.level == level]
+        size = min(job.config.eval.num_envs, -(-len(of_level) // job.workers))
+        found += [
+            _Chunk(job, method, inputs, tuple(of_level[first : first + size]), folder)
+            for first in range(0, len(of_level), size)
+        ]
+    return found
+
+
+def _run_chunk(chunk: _Chunk) -> int:
+    """Number of episodes run and written; an episode is the same whoever it runs beside."""
+    from elast_cli.control import run_episodes
+    from elast_cli.methods import controller
+
+    job = chunk.job
+    limit_threads(job.threads)
+    level = spec(job.env).env_class.level(chunk.scenarios[0].level)
+    envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
+    folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
+    traces = run_episodes(
+        controller(chunk.method, folders, job.config, job.env, device=job.device, rows=len(envs)),
+        envs,
+        chunk.scenarios,
+        max_steps=level.max_steps,
+        seeds=np.array([_plan_seed(job, scenario) for scenario in chunk.scenarios]),
+        context=np.zeros((len(envs), 0), np.float32),
+        keep_frames=True,
+    )
+    kept: set[bool] = set()  # the first success and the first failure are drawn
+    for scenario, trace in zip(chunk.scenarios, traces, strict=True):
+        success = trace.steps is not None
+        if success not in kept:
+            kept.add(success)
+            _write_frames(chunk.folder, scenario, trace)
+        _write_row(chunk.folder, _row(job, chunk.method, scenario, trace))
+    return len(traces)
+
+
+def _plan_seed(job: Job, scenario: Scenario) -> int:
+    """Seed of all planning in an episode."""
+    level = zlib.crc32(scenario.level.encode())
+    return derived_seed("plan", job.seed, scenario.seed, level, scenario.index)
+
+
+def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
+    return EpisodeRow(
+        env=job.env,
+        level=scenario.level,
+        method=method,
+        train_seed=job.seed,
+        episode_ix=scenario.index,
+        seed=scenario.seed,
+        success=trace.steps is not None,
+        steps=trace.steps,
+        shortest=scenario.shortest,
+        plans=trace.plans,
+        plan_s=trace.plan_s / max(trace.plans, 1),
+        network_calls_per_step=trace.transitions / max(trace.length, 1),
+        held=trace.held,
+    )
+
+
+# --- resumable state -----------------------------------------------------------------------------
+
+
+def _row_path(folder: Path, level: str, index: int) -> Path:
+    return folder / f"{level}-{index:06d}.json"
+
+
+def _write_row(folder: Path, row: EpisodeRow) -> None:
+    """Put an episode's row on disk, whole or not at all."""
+    path = _row_path(folder, row.level, row.episode_ix)
+    temporary = path.with_suffix(f".{os.getpid()}")
+    temporary.write_text(row.model_dump_json())
+    temporary.replace(path)
+
+
+def _read_row(path: Path) -> EpisodeRow:
+    return EpisodeRow.model_validate_json(path.read_bytes())
+
+
+def _frames_path(folder: Path, level: str, index: int) -> Path:
+    return folder / f"{level}-{index:06d}.npz"
+
+
+def _write_frames(folder: Path, scenario: Scenario, trace: Trace) -> None:
+    path = _frames_path(folder, scenario.level, scenario.index)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.npz")
+    assert trace.frames is not None
+    np.savez_compressed(temporary, frames=trace.frames, goal=trace.goal)
+    temporary.replace(path)
+
+
+def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None:
+    """A film strip and an animation of the first success and of the first failure."""
+    from elast_cli.plots import animation, film_strip
+
+    left = {True: "success", False: "failure"}
+    for row in rows:
+        path = _frames_path(run.work, level, row.episode_ix)
+        if row.success not in left or not path.exists():
+            continue
+        name = left.pop(row.success)
+        with np.load(path, allow_pickle=False) as arrays:
+            frames, goal = arrays["frames"], arrays["goal"]
+        caption = f"{method}, {row.env} {level} {row.episode_ix}: {name}"
+        pictures: Any = run.staging / f"{level}-{name}"
+        film_strip(frames, goal, pictures.with_suffix(".png"), caption=caption)
+        animation(
+            frames, goal, pictures.with_suffix(".gif"), caption=caption, success_step=row.steps
+        )
