@@ -11,7 +11,7 @@ import json as jsonlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -38,6 +38,7 @@ from elast_cli.options import (
 if TYPE_CHECKING:
     from elast_cli.stages.benchmark import Benchmark
     from elast_cli.stages.job import Job, Step
+    from elast_cli.store import Ref, Store
 
 _DISK_ERRORS = {
     errno.EACCES,
@@ -116,6 +117,28 @@ def train_policy(
 ) -> None:
     """Train the local policy that leads from one latent to the next."""
     _train("policy", env, inputs, fitting, lineage, running)
+
+
+@app.command()
+@takes(ModelInputs, Lineage, Running)
+def plan(
+    env: Env,
+    inputs: ModelInputs,
+    lineage: Lineage,
+    running: Running,
+    method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
+    level: Annotated[str | None, typer.Option(help="Default: the hardest.")] = None,
+    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Which one.")] = 0,
+    scenario_seed: Annotated[int | None, typer.Option(min=0, help="Seed of scenarios.")] = None,
+) -> None:
+    """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
+    extra = [] if scenario_seed is None else [f"eval.scenario_seed={scenario_seed}"]
+    job = _job(env, lineage, running, extra, inputs)
+    from elast_cli.envs import spec
+    from elast_cli.stages import plan as stage
+
+    step = stage.step(job, method, level or list(spec(env).levels)[-1], scenario)
+    _finish(step, running, stage.document)
 
 
 @app.command("eval")
@@ -295,8 +318,10 @@ def _report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bo
     outcome.require(bench)
 
 
-def _finish(step: Step, running: Running) -> None:
-    """Carry out a step, or say what it would do, and print its ref."""
+def _finish(
+    step: Step, running: Running, document: Callable[[Store, Ref], Any] | None = None
+) -> None:
+    """Carry out a step, or say what it would do, and print its ref, or its `document` as JSON."""
     from elast_cli.stages import inspect
 
     if running.dry_run:
@@ -305,7 +330,7 @@ def _finish(step: Step, running: Running) -> None:
         return
     ref = step.carry_out()
     if running.json:
-        _print_json(inspect.made(step.job.store, ref))
+        _print_json((document or inspect.made)(step.job.store, ref))
     else:
         _print(str(ref))
 

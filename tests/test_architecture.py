@@ -15,7 +15,7 @@ FLOORS = {
     "statistics store",
     1: "envs models planners",
     2: "comparison control fit plan_plot plots probe projection report requirements training",
-    3: "methods preset",
+    3: "explain methods preset",
     4: "console stages",
     5: "__main__ cli options",
 }

@@ -87,8 +87,8 @@ def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
             for seed in bench.seeds:
                 resolve(replace(job, seed=seed, progress=Silent()), bench.roles())
             found.append(job)
-        except MissingInputError as reason:
-            missing.append(reason)
+        except MissingInputError as error:
+            missing.append(error)
     if not found:
         raise missing[0]
     for reason in missing:

@@ -23,7 +23,7 @@ from elast_cli.stages.job import Job, Step, limit_threads
 from elast_cli.stages.resolve import resolve
 from elast_cli.stages.results import write_results
 from elast_cli.stages.workers import each
-from elast_cli.store import Ref
+from elast_cli.store import Ref, Store
 
 if TYPE_CHECKING:
     from elast_cli.control import Trace
@@ -70,9 +70,7 @@ def _evaluate(
     job: Job, method: str, levels: Sequence[str], inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
     began = time.monotonic()
-    for ref in inputs.values():
-        for name in job.store.manifest(ref).files:
-            job.store.file(ref, name)  # verified once, before any worker reads it
+    verify_files(job.store, inputs)  # once, before any worker reads them
     every = [scenario for level in levels for scenario in _scenarios(job, level)]
     missing = [s for s in every if not _row_path(run.work, s.level, s.index).exists()]
     chunks = _chunks(replace(job, progress=Silent()), method, inputs, missing, run.work)
@@ -87,6 +85,13 @@ def _evaluate(
     overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
+
+
+def verify_files(store: Store, inputs: Mapping[str, Ref]) -> None:
+    """Raise DataError unless every file of every input is as its manifest says."""
+    for ref in inputs.values():
+        for name in store.manifest(ref).files:
+            store.file(ref, name)
 
 
 def _scenarios(job: Job, level: str) -> list[Scenario]:
@@ -131,7 +136,7 @@ def _run_chunk(chunk: _Chunk) -> int:
         envs,
         chunk.scenarios,
         max_steps=level.max_steps,
-        seeds=np.array([_plan_seed(job, scenario) for scenario in chunk.scenarios]),
+        seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
         context=np.zeros((len(envs), 0), np.float32),
         keep_frames=True,
     )
@@ -145,7 +150,7 @@ def _run_chunk(chunk: _Chunk) -> int:
     return len(traces)
 
 
-def _plan_seed(job: Job, scenario: Scenario) -> int:
+def plan_seed(job: Job, scenario: Scenario) -> int:
     """Seed of all planning in an episode."""
     level = zlib.crc32(scenario.level.encode())
     return derived_seed("plan", job.seed, scenario.seed, level, scenario.index)

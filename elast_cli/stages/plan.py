@@ -1,0 +1,174 @@
+"""`elast plan`: one scenario planned and explained, as JSON and as a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elast_cli.envs import Scenario, make, scenarios, spec
+from elast_cli.errors import UsageError
+from elast_cli.manifest import JsonDict
+from elast_cli.methods import METHODS, Method, load_models, method_named
+from elast_cli.publish import Run
+from elast_cli.seeding import derived_seed
+from elast_cli.shapes import FRAMES, Uint8
+from elast_cli.stages.collect import DATASET_FILE
+from elast_cli.stages.evaluate import plan_seed, verify_files
+from elast_cli.stages.job import Job, Step, limit_threads
+from elast_cli.stages.resolve import resolve
+from elast_cli.store import Ref, Store
+
+if TYPE_CHECKING:
+    from elast_cli.explain import Explanation
+
+ALGORITHM_VERSION = 1
+PLAN_FILE = "plan.json"
+PICTURE_FILE = "plan.png"
+MOST_FRAMES = 38  # along the path, in the picture
+
+
+def step(job: Job, method: str, level: str, index: int) -> Step:
+    """The plan of one method for one scenario: the first that its evaluation would make.
+
+    Raises:
+        UsageError: unknown level, or a method that grows no tree.
+        MissingInputError: a model is not made yet.
+    """
+    entry = _tree_method(method)
+    max_steps = spec(job.env).env_class.level(level).max_steps
+    inputs = resolve(job, ("dataset", *entry.needs))
+    settings = job.config.eval
+    config: JsonDict = {
+        "method": method,
+        "sections": entry.sections(job.config),
+        "env": job.config.env,
+        "level": level,
+        "max_steps": max_steps,
+        "scenario": index,
+        "scenario_seed": settings.scenario_seed,
+        "domain": settings.domain,
+    }
+    recipe = job.recipe("plan", config, inputs, algorithm_version=ALGORITHM_VERSION)
+    return Step(job, recipe, inputs, lambda run: _plan(job, entry, level, index, inputs, run))
+
+
+def document(store: Store, ref: Ref) -> JsonDict:
+    """What `elast plan --json` prints."""
+    found: JsonDict = json.loads(store.file(ref, PLAN_FILE).read_bytes())
+    return {"ref": str(ref), "path": str(store.path(ref)), **found}
+
+
+def _tree_method(name: str) -> Method:
+    entry = method_named(name)
+    if "planner" not in entry.uses:
+        choices = [method.name for method in METHODS.values() if "planner" in method.uses]
+        raise UsageError(f"--method {name}: it grows no tree to show; choose {', '.join(choices)}")
+    return entry
+
+
+def _plan(
+    job: Job, method: Method, level: str, index: int, inputs: Mapping[str, Ref], run: Run
+) -> JsonDict:
+    from elast_cli.explain import explain_plan
+    from elast_cli.models.inference import FrameEncoder
+    from elast_cli.planners.base import Query
+
+    limit_threads(job.threads)
+    verify_files(job.store, inputs)
+    models = load_models({role: job.store.path(ref) for role, ref in inputs.items()}, job.device)
+    scenario = _scenario(job, level, index)
+    env = make(job.env, job.config.env)
+    start, info = env.reset(options={"scenario": scenario})
+    encode, context = FrameEncoder(models.encoder.encoder), np.zeros((1, 0), np.float32)
+    query = Query(
+        encode(_resting(start), context),
+        encode(_resting(info["goal"]), context),
+        context,
+        np.array([derived_seed("plan", plan_seed(job, scenario), 0)]),
+    )
+    plan = explain_plan(models, method.configure(job.config).planner, query, env)
+    data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
+    with (run.staging / PLAN_FILE).open("x") as file:
+        json.dump(data, file, indent=1, allow_nan=False)
+    support = models.density.support.latents.cpu().numpy()
+    ends = np.concatenate([query.start, query.goal])
+    _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
+    return {key: plan.figures[key] for key in ("reached", "steps", "nodes", "seconds")}
+
+
+def _scenario(job: Job, level: str, index: int) -> Scenario:
+    settings = job.config.eval
+    return scenarios(
+        job.env,
+        level,
+        seed=settings.scenario_seed,
+        count=index + 1,
+        domain=settings.domain,
+        config=job.config.env,
+    )[index]
+
+
+def _resting(frame: Uint8) -> Uint8:
+    """A frame as the stack of a world at rest [1,F,64,64,3]."""
+    return np.repeat(frame[None, None], FRAMES, axis=1)
+
+
+def _described(job: Job, scenario: Scenario) -> JsonDict:
+    return {
+        "env": job.env,
+        "level": scenario.level,
+        "scenario": scenario.index,
+        "scenario_seed": scenario.seed,
+        "train_seed": job.seed,
+        "start": [float(x) for x in scenario.start],
+        "goal": [float(x) for x in scenario.goal],
+        "shortest": scenario.shortest,
+    }
+
+
+def _draw(
+    job: Job,
+    inputs: Mapping[str, Ref],
+    plan: Explanation,
+    *,
+    support: Any,
+    ends: Any,
+    frames: tuple[Uint8, Uint8],
+    run: Run,
+) -> None:
+    """The tree and the path in the plane, beside the nearest data frames along the path."""
+    from elast_cli.dataset import Dataset
+    from elast_cli.plan_plot import PlanPicture, plan_figure
+    from elast_cli.projection import project_2d
+
+    pixels = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE)).pixels
+    every = np.concatenate([plan.latents, support, ends])
+    xy, name = project_2d(every, fit=support, seed=job.seed)
+    nodes, size = len(plan.latents), len(support)
+    inner = np.arange(1, len(plan.path))
+    shown = inner[:: max(1, -(-len(inner) // MOST_FRAMES))]
+    figures = plan.figures
+    reached = "reached" if figures["reached"] else "not reached"
+    config = run.recipe.config
+    picture = PlanPicture(
+        nodes_xy=xy[:nodes],
+        parents=plan.parents,
+        path_xy=xy[plan.path],
+        start_xy=xy[-2],
+        goal_xy=xy[-1],
+        support_xy=xy[nodes : nodes + size],
+        frames=pixels[plan.rows[shown]],
+        path_steps=[int(at) for at in shown],
+        start=frames[0],
+        goal=frames[1],
+        title=f"{config['method']}: {job.env} {config['level']} {config['scenario']}",
+        lines=(
+            f"{figures['steps']} steps, goal {reached}",
+            f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",
+        ),
+        projection=name,
+    )
+    plan_figure(picture, run.staging / PICTURE_FILE)
