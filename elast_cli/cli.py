@@ -361,7 +361,7 @@ def _print_rich(shown: Any) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 200
-    console = Console(width=width)
+    console = Console(width=width, markup=False, highlight=False, emoji=False)
     with console.capture() as capture:
         console.print(shown)
     _print("\n".join(line.rstrip() for line in capture.get().splitlines()))
@@ -407,12 +407,12 @@ def run(arguments: Sequence[str]) -> int:
         context = getattr(error, "ctx", None)
         hint = f"; see: {context.command_path} --help" if context else ""
         return _fail(error.format_message().rstrip(".") + hint, error.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; the same command continues", 130)
     except OSError as error:
         if error.errno not in _DISK_ERRORS:
             raise
         return _fail(f"I/O error: {error}", StorageError.exit_code)
+    if code == 130:  # typer turns Ctrl-C into this
+        return _fail("interrupted; the same command continues", code)
     return code if isinstance(code, int) else 0
 
 

@@ -109,11 +109,12 @@ def _scenarios(job: Job, level: str) -> list[Scenario]:
 def _chunks(
     job: Job, method: str, inputs: Mapping[str, Ref], missing: Sequence[Scenario], folder: Path
 ) -> list[_Chunk]:
-    """Episodes of one level each, as many as run side by side, fewer if workers were idle."""
+    """Episodes of one level each, as many as run side by side, equally many for every worker."""
     found = []
     for level in dict.fromkeys(scenario.level for scenario in missing):
         of_level = [scenario for scenario in missing if scenario.level == level]
-        size = min(job.config.eval.num_envs, -(-len(of_level) // job.workers))
+        rounds = -(-len(of_level) // (job.config.eval.num_envs * job.workers))
+        size = -(-len(of_level) // (rounds * job.workers))
         found += [
             _Chunk(job, method, inputs, tuple(of_level[first : first + size]), folder)
             for first in range(0, len(of_level), size)

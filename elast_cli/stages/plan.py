@@ -93,7 +93,7 @@ def _plan(
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x") as file:
         json.dump(data, file, indent=1, allow_nan=False)
-    support = models.density.support.latents.cpu().numpy()
+    support = models.ensemble.support.latents.cpu().numpy()
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
     return {key: plan.figures[key] for key in ("reached", "steps", "nodes", "seconds")}

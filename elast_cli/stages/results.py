@@ -89,5 +89,5 @@ def table_text(overall: Sequence[OverallRow]) -> str:
     from rich.console import Console
 
     out = StringIO()
-    Console(file=out, width=200).print(table(overall))
+    Console(file=out, width=200, markup=False, highlight=False).print(table(overall))
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())

@@ -114,13 +114,13 @@ def _density(
 def _policy(
     job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
 ) -> Trained:
-    from elast_cli.models.dynamics import DynamicsEnsemble
+    from elast_cli.models.support import SupportedDynamics
     from elast_cli.training import train_policy
 
     data = _encoded(job, inputs, dataset, context, setting)
     ensemble = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
-    assert isinstance(ensemble, DynamicsEnsemble)
-    return train_policy(data, ensemble, job.config.policy, setting)
+    assert isinstance(ensemble, SupportedDynamics)
+    return train_policy(data, ensemble.ensemble, job.config.policy, setting)
 
 
 def _encoded(
