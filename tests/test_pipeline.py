@@ -122,6 +122,27 @@ def test_a_training_killed_twice_ends_with_the_same_weights(one: Path, tmp_path:
     assert found == weights(one)["encoder"]
 
 
+@pytest.mark.parametrize("where", ["encoder.fit.save_every=5", "encoder.fit.save_every=5000"])
+def test_a_full_disk_ends_a_training_with_one_line_and_leaves_nothing_half_written(
+    one: Path, tmp_path: Path, where: str
+) -> None:
+    shutil.copytree(one / "data", tmp_path / "data")
+    words = ["train-encoder", *ENV, *SETS, "--set", where, "--quiet"]
+    limited = f'ulimit -f 256; exec "{sys.executable}" -m elast_cli "$@"'  # kB a file
+    done = subprocess.run(
+        ["bash", "-c", limited, "bash", *words],
+        env={**os.environ, "ELAST_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 74, done.stderr
+    assert done.stderr.startswith("elast: storage failed:")
+    assert len(done.stderr.splitlines()) == 1
+    assert Store(tmp_path).refs("block-s", "encoder") == []
+    assert not list((tmp_path / "artifacts/.staging").glob("*"))
+    assert not list((tmp_path / "artifacts/.runs").glob("*/checkpoint*"))
+
+
 def test_a_second_run_does_no_work(one: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = Store(one).refs()
     assert run_in(one, [*RUN, "--workers", "1"]) == 0

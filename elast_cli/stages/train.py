@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from elast_cli.config import StrictModel
-from elast_cli.fit import write_metrics
+from elast_cli.fit import CHECKPOINT, write_metrics
 from elast_cli.manifest import JsonDict
 from elast_cli.preset import Preset
 from elast_cli.publish import Run
@@ -71,13 +74,35 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     setting = Setting(
         seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
     )
-    trained = _TRAINERS[kind](job, inputs, dataset, context, setting)
-    save_model(run.staging, trained.module, sizes=trained.sizes)
-    write_metrics(trained.curve, run.staging)
+    with _disk_errors(run):
+        trained = _TRAINERS[kind](job, inputs, dataset, context, setting)
+        save_model(run.staging, trained.module, sizes=trained.sizes)
+        write_metrics(trained.curve, run.staging)
     metrics: JsonDict = {**trained.metrics}
     metrics["wall_s"] = round(time.monotonic() - began, 3)
     metrics["cpu_s"] = round(time.process_time() - cpu, 3)
     return metrics
+
+
+@contextmanager
+def _disk_errors(run: Run) -> Iterator[None]:
+    """A disk error as OSError, whatever torch and safetensors make of it; no half checkpoint."""
+    from safetensors import SafetensorError
+
+    try:
+        yield
+    except RuntimeError as error:  # torch.save fails once more while it closes the file
+        if isinstance(error.__context__, OSError):
+            raise error.__context__ from None
+        raise
+    except SafetensorError as error:
+        found = re.search(r"os error (\d+)", str(error))
+        if found:
+            raise OSError(int(found[1]), os.strerror(int(found[1]))) from None
+        raise
+    finally:
+        for left in run.work.glob(f"{CHECKPOINT}.*"):
+            left.unlink()
 
 
 # --- one trainer a part --------------------------------------------------------------------------
