@@ -65,7 +65,7 @@ def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv
         "goal": _goal(search, planner.limits.max_support_distance),
         "path": [*_path(models, search, path, nearest, env)],
     }
-    rows = models.density.support.rows.cpu().numpy()[nearest]
+    rows = models.ensemble.support.rows.cpu().numpy()[nearest]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
 
 
@@ -73,7 +73,7 @@ def _nearest(models: Models, latents: Float32) -> Int64:
     """Index of the nearest encoded training state of each latent [T]."""
     import torch
 
-    support = models.density.support
+    support = models.ensemble.support
     found: Int64 = support.nearest(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
     return found
 
@@ -95,7 +95,7 @@ def _path(
     forest, world = search.forest, search.world
     latent = forest.latent[0, path]
     row = np.zeros(len(path), np.int64)
-    states = models.density.support.states.cpu().numpy()[nearest]
+    states = models.ensemble.support.states.cpu().numpy()[nearest]
     features = world.features(latent, row)
     source, target = np.arange(len(path) - 1), np.arange(1, len(path))
     log_density = world.log_density(features, source, target)

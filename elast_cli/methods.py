@@ -16,9 +16,9 @@ from elast_cli.manifest import JsonDict
 if TYPE_CHECKING:
     from elast_cli.control import Controller
     from elast_cli.models.cpc import Representation
-    from elast_cli.models.density import DensityModel
-    from elast_cli.models.dynamics import DynamicsEnsemble
+    from elast_cli.models.density import TransitionDensity
     from elast_cli.models.policy import LocalPolicy
+    from elast_cli.models.support import SupportedDynamics
     from elast_cli.planners.base import Limits, Radii
     from elast_cli.planners.elast import ElastPlanner, TreeConfig
     from elast_cli.preset import Preset
@@ -29,8 +29,8 @@ class Models:
     """Trained parts loaded for inference; what a method does not need stays None."""
 
     encoder: Representation
-    ensemble: DynamicsEnsemble
-    density: DensityModel
+    ensemble: SupportedDynamics
+    density: TransitionDensity
     policy: LocalPolicy
 
 
@@ -90,9 +90,8 @@ def elast_planner(models: Models, config: TreeConfig) -> ElastPlanner:
     from elast_cli.planners.elast import ElastPlanner
 
     world = LatentWorld(
-        ensemble=models.ensemble,
-        density=models.density.transition,
-        support=models.density.support,
+        dynamics=models.ensemble,
+        density=models.density,
         policy=models.policy,
         forward_model=None if config.use_ensemble else models.encoder.dynamics,
     )
@@ -106,11 +105,11 @@ def limits(models: Models, config: TreeConfig) -> Limits:
     def at(table: Any, quantile: float | None, off: float) -> float:
         return off if quantile is None else float(table.at(quantile))
 
-    density, off = models.density, np.inf
+    dynamics, off = models.ensemble, np.inf
     return Limits(
-        at(density.transition.log_density_quantiles, config.density_quantile, -off),
-        at(models.ensemble.variance_quantiles, config.variance_quantile, off),
-        at(density.support.distance_quantiles, config.support_quantile, off),
+        at(models.density.log_density_quantiles, config.density_quantile, -off),
+        at(dynamics.ensemble.variance_quantiles, config.variance_quantile, off),
+        at(dynamics.support.distance_quantiles, config.support_quantile, off),
         at(models.policy.round_trip_quantiles, config.round_trip_quantile, off),
     )
 

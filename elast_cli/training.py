@@ -14,11 +14,12 @@ from elast_cli.config import StrictModel
 from elast_cli.dataset import Dataset
 from elast_cli.fit import FitConfig, fit
 from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
-from elast_cli.models.density import DensityConfig, DensityModel, nce_loss
+from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import EncoderConfig
 from elast_cli.models.io import Sizes
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
+from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
 from elast_cli.progress import Progress
 from elast_cli.seeding import derived_seed, generator
@@ -296,10 +297,18 @@ def _fit_scale(scale: LatentScale, data: LatentData) -> None:
 
 
 def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> Trained:
-    """Train H_f's members, each on its own batches, and record the spread of their predictions."""
+    """Train H_f's members, each on its own batches, then calibrate variance and support."""
     seed_torch(setting.seed, "ensemble")
-    sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
-    model = DynamicsEnsemble(stage.net, *sizes).to(setting.device)
+    size = min(stage.net.support_size, len(data.train))
+    config, sizes = stage.net.model_copy(update={"support_size": size}), data.sizes
+    dynamics = SupportedDynamics(
+        config,
+        latent_size=sizes.latent,
+        action_size=sizes.action,
+        context_size=sizes.context,
+        state_size=sizes.state,
+    ).to(setting.device)
+    model = dynamics.ensemble
     _fit_scale(model.scale, data)
     members = stage.net.members
 
@@ -318,28 +327,39 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
     curve = _fit_on_latents(
         model, data, loss, validate, name="ensemble", config=stage.fit, setting=setting
     )
-    with torch.no_grad():
-        z, action, context, z_next = data.transitions(data.val)
-        predicted, variance = model(z, action, context)
-    model.variance_quantiles.fit(variance)
-    error = (predicted - z_next).norm(dim=1)
-    length = (z_next - z).norm(dim=1).median()
-    metrics = {
-        "val_mse": curve[-1]["val_mse"],
-        "val_one_step_error_in_steps": float(error.mean() / length),
+    metrics = {"val_mse": curve[-1]["val_mse"], **_calibrate_dynamics(dynamics, data, setting)}
+    return Trained(dynamics, sizes, curve, metrics)
+
+
+@torch.no_grad()
+def _calibrate_dynamics(
+    dynamics: SupportedDynamics, data: LatentData, setting: Setting
+) -> dict[str, float]:
+    """Fill the support and both quantile tables; returns held-out errors in median steps."""
+    support = dynamics.support
+    rng = generator("train", setting.seed, STAGES["ensemble"])
+    pick = rng.choice(len(data.train), len(support.rows), replace=False)
+    rows = data.train[torch.from_numpy(np.sort(pick)).to(data.train.device)]
+    support.rows.copy_(rows)
+    support.latents.copy_(data.z[rows])
+    support.states.copy_(data.state[rows])
+    z, action, context, z_next = data.transitions(data.val)
+    predicted, variance = dynamics.ensemble(z, action, context)
+    distance = support.distance(predicted)
+    dynamics.ensemble.variance_quantiles.fit(variance)
+    support.distance_quantiles.fit(distance)
+    step = float((z_next - z).norm(dim=1).median())
+    return {
+        "val_one_step_error_in_steps": float((predicted - z_next).norm(dim=1).mean()) / step,
+        "val_support_distance_p99_in_steps": support.distance_quantiles.at(0.99) / step,
     }
-    return Trained(model, data.sizes, curve, metrics)
 
 
 def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Trained:
-    """Train ψ by NCE (Eq. 2), then calibrate its threshold and the support on held-out states."""
+    """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions."""
     seed_torch(setting.seed, "density")
-    config = stage.net.model_copy(
-        update={"support_size": min(stage.net.support_size, len(data.train))}
-    )
-    model = DensityModel(config, data.z.shape[1], data.context.shape[1], data.state.shape[1])
-    model.to(setting.device)
-    psi, ratio = model.transition, config.noise_ratio
+    psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
+    ratio = stage.net.noise_ratio
     _fit_scale(psi.scale, data)
 
     def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
@@ -366,26 +386,13 @@ def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Tr
         return {"nce": float(value), "balanced_accuracy": float(accuracy)}
 
     curve = _fit_on_latents(
-        model, data, loss, validate, name="density", config=stage.fit, setting=setting
+        psi, data, loss, validate, name="density", config=stage.fit, setting=setting
     )
-    _calibrate_density(model, data, setting)
-    metrics = {name: curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
-    metrics["support_distance_p99"] = model.support.distance_quantiles.at(0.99)
-    return Trained(model, data.sizes, curve, {f"val_{k}": v for k, v in metrics.items()})
-
-
-@torch.no_grad()
-def _calibrate_density(model: DensityModel, data: LatentData, setting: Setting) -> None:
-    z, _, context, z_next = data.transitions(data.val)
-    model.transition.log_density_quantiles.fit(model.transition(z, z_next, context))
-    rng = generator("train", setting.seed, STAGES["density"])
-    size = model.support.latents.shape[0]
-    pick = torch.from_numpy(np.sort(rng.choice(len(data.train), size, replace=False)))
-    rows = data.train[pick.to(data.train.device)]
-    model.support.rows.copy_(rows)
-    model.support.latents.copy_(data.z[rows])
-    model.support.states.copy_(data.state[rows])
-    model.support.distance_quantiles.fit(model.support.distance(z_next))
+    with torch.no_grad():
+        z, _, context, z_next = data.transitions(data.val)
+        psi.log_density_quantiles.fit(psi(z, z_next, context))
+    metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
+    return Trained(psi, data.sizes, curve, metrics)
 
 
 def train_policy(

@@ -17,9 +17,9 @@ class CpcConfig(StrictModel):
     """The objective of Eq. 4; k and K_h are not stated in the paper's main text."""
 
     horizon: int = Field(default=3, ge=1, le=20)
-    consistency_weight: float = Field(default=1.0, ge=0)
+    consistency_weight: float = Field(default=4.0, ge=0)
     dynamics_width: int = Field(default=128, gt=0)
-    still_share: float = Field(default=0.0, ge=0, le=1)
+    still_share: float = Field(default=0.5, ge=0, le=1)
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:

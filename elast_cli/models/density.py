@@ -1,4 +1,4 @@
-"""Transition density ψ by noise-contrastive estimation (Sec. 4.2), and the data's support."""
+"""Transition density ψ by noise-contrastive estimation (Sec. 4.2)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ class DensityConfig(StrictModel):
     width: int = Field(default=128, gt=0)
     noise_ratio: int = Field(default=10, ge=1)
     noise_scale: float = Field(default=1.0, gt=0)
-    support_size: int = Field(default=10_000, ge=100)
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
@@ -82,39 +81,3 @@ class TransitionDensity(nn.Module):
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
         """Log density ln p(z' | z, c) [M] in nats."""
         return self.log_ratio(z, z_next, context) + self.log_noise(z, z_next)
-
-
-class Support(nn.Module):
-    """Encoded training states: a latent far from all of them is outside the data's support."""
-
-    latents: Tensor
-    rows: Tensor
-    states: Tensor
-
-    def __init__(self, size: int, latent_size: int, state_size: int) -> None:
-        super().__init__()
-        self.register_buffer("latents", torch.zeros(size, latent_size))
-        self.register_buffer("rows", torch.zeros(size, dtype=torch.int64))
-        self.register_buffer("states", torch.zeros(size, state_size))
-        self.distance_quantiles = QuantileTable()
-
-    def distance(self, z: Tensor) -> Tensor:
-        """Euclidean distance [M] of each latent [M,Z] to its nearest training latent."""
-        parts = [torch.cdist(part, self.latents).amin(1) for part in z.split(2048)]
-        return torch.cat(parts)
-
-    def nearest(self, z: Tensor) -> Tensor:
-        """Index [M] of the nearest training latent: decodes latents for people to look at."""
-        parts = [torch.cdist(part, self.latents).argmin(1) for part in z.split(2048)]
-        return torch.cat(parts)
-
-
-class DensityModel(nn.Module):
-    """ψ and the support of the data, published as one artifact."""
-
-    def __init__(
-        self, config: DensityConfig, latent_size: int, context_size: int, state_size: int
-    ) -> None:
-        super().__init__()
-        self.transition = TransitionDensity(config, latent_size, context_size)
-        self.support = Support(config.support_size, latent_size, state_size)

@@ -15,6 +15,7 @@ class EnsembleConfig(StrictModel):
 
     members: int = Field(default=5, ge=1)
     width: int = Field(default=128, gt=0)
+    support_size: int = Field(default=10_000, ge=100)
 
 
 class ForwardModel(nn.Module):

@@ -14,10 +14,11 @@ import torch
 from numba import njit
 from torch import Tensor, nn
 
-from elast_cli.models.density import Support, TransitionDensity
-from elast_cli.models.dynamics import DynamicsEnsemble, ForwardModel
+from elast_cli.models.density import TransitionDensity
+from elast_cli.models.dynamics import ForwardModel
 from elast_cli.models.encoder import Encoder
 from elast_cli.models.policy import LocalPolicy
+from elast_cli.models.support import SupportedDynamics
 from elast_cli.shapes import Float32, Int64, Uint8
 
 TILE = 32
@@ -102,23 +103,22 @@ class LatentWorld:
     def __init__(
         self,
         *,
-        ensemble: DynamicsEnsemble,
+        dynamics: SupportedDynamics,
         density: TransitionDensity,
-        support: Support,
         policy: LocalPolicy,
         forward_model: ForwardModel | None = None,
     ) -> None:
         """Take frozen models; with `forward_model`, h_f alone predicts and variance is 0."""
         self.device = density.first.weight.device
-        self.ensemble, self.density, self.policy = ensemble, density, policy
-        self.support, self.single = support, forward_model
+        self.ensemble, self.support = dynamics.ensemble, dynamics.support
+        self.density, self.policy = density, policy
         self.context = torch.zeros(0, 0)
         self.latent_size = density.latent_size
         self.width = density.config.width
         self.feature_size = 2 * self.width + self.latent_size
-        self.members = 1 if forward_model else ensemble.config.members
+        self.members = 1 if forward_model else dynamics.config.members
         self.action_size = policy.net[-1].out_features
-        pairs = [(layer.weight, layer.bias) for layer in ensemble.layers]
+        pairs = [(layer.weight, layer.bias) for layer in self.ensemble.layers]
         self._ensemble = TiledEnsemble(pairs)
         self._rest = TiledNetwork(density.rest)
         self._policy = TiledNetwork(policy.net)

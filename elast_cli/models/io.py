@@ -14,10 +14,11 @@ from torch import Tensor, nn
 from elast_cli.config import StrictModel, dump_yaml, open_regular, read_yaml, validate
 from elast_cli.errors import DataError
 from elast_cli.models.cpc import CpcConfig, Representation
-from elast_cli.models.density import DensityConfig, DensityModel
-from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.density import DensityConfig, TransitionDensity
+from elast_cli.models.dynamics import EnsembleConfig
 from elast_cli.models.encoder import EncoderConfig
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
+from elast_cli.models.support import SupportedDynamics
 
 WEIGHTS = "model.safetensors"
 SIZES = "model.yaml"
@@ -49,7 +50,13 @@ class _EnsembleSpec(StrictModel):
 
     def build(self) -> nn.Module:
         sizes = self.sizes
-        return DynamicsEnsemble(self.net, sizes.latent, sizes.action, sizes.context)
+        return SupportedDynamics(
+            self.net,
+            latent_size=sizes.latent,
+            action_size=sizes.action,
+            context_size=sizes.context,
+            state_size=sizes.state,
+        )
 
 
 class _DensitySpec(StrictModel):
@@ -58,7 +65,7 @@ class _DensitySpec(StrictModel):
 
     def build(self) -> nn.Module:
         sizes = self.sizes
-        return DensityModel(self.net, sizes.latent, sizes.context, sizes.state)
+        return TransitionDensity(self.net, sizes.latent, sizes.context)
 
 
 class _PolicySpec(StrictModel):
@@ -83,10 +90,10 @@ def save_model(folder: Path, module: nn.Module, *, sizes: Sizes) -> None:
     """Write the weights and all that is needed to build the module again into `folder`."""
     if isinstance(module, Representation):
         spec: Spec = _EncoderSpec(sizes=sizes, net=module.encoder.config, cpc=module.cpc)
-    elif isinstance(module, DynamicsEnsemble):
+    elif isinstance(module, SupportedDynamics):
         spec = _EnsembleSpec(sizes=sizes, net=module.config)
-    elif isinstance(module, DensityModel):
-        spec = _DensitySpec(sizes=sizes, net=module.transition.config)
+    elif isinstance(module, TransitionDensity):
+        spec = _DensitySpec(sizes=sizes, net=module.config)
     elif isinstance(module, LocalPolicy):
         spec = _PolicySpec(sizes=sizes, net=module.config)
     else:

@@ -21,7 +21,7 @@ class TreeConfig(StrictModel):
 
     expansions: int = Field(default=12_000, ge=1)
     batch_min: int = Field(default=8, ge=1)
-    batch_max: int = Field(default=64, ge=1)
+    batch_max: int = Field(default=32, ge=1)
     batch_share: float = Field(default=1 / 64, ge=0, le=1)
     p_uniform: float = Field(default=0.2, ge=0, le=1)
     p_sparse: float = Field(default=0.78, ge=0, le=1)
@@ -37,9 +37,9 @@ class TreeConfig(StrictModel):
     density_quantile: float | None = Field(default=0.005, ge=0, lt=1)
     variance_quantile: float | None = Field(default=0.99, gt=0, le=1)
     support_quantile: float | None = Field(default=0.99, gt=0, le=1)
-    round_trip_quantile: float | None = Field(default=0.95, gt=0, le=1)
+    round_trip_quantile: float | None = Field(default=0.99, gt=0, le=1)
     neighbor_quantile: float = Field(default=0.95, gt=0, le=1)
-    crowding_steps: float | None = Field(default=1.0, gt=0)
+    crowding_steps: float | None = Field(default=0.5, gt=0)
     goal_steps: float = Field(default=1.0, gt=0)
     duplicate_steps: float = Field(default=0.2, ge=0)
 
