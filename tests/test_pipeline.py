@@ -16,6 +16,7 @@ import pytest
 
 from elast_cli import cli
 from elast_cli.dataset import column_digests
+from elast_cli.stages import evaluate
 from elast_cli.store import Ref, Store
 
 ENV = ["--env", "block-s", "--preset", "quick"]
@@ -120,6 +121,26 @@ def test_a_training_killed_twice_ends_with_the_same_weights(one: Path, tmp_path:
     store = Store(tmp_path)
     found = store.manifest(Ref("block-s", "encoder", 1)).files["model.safetensors"].sha256
     assert found == weights(one)["encoder"]
+
+
+def test_an_interrupted_evaluation_continues_and_ends_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["eval", *ENV, "--methods", "random", "--level", "medium", "--episodes", "6"]
+    words += ["--num-envs", "2", "--workers", "1"]
+    assert run_in(tmp_path / "whole", [*words, "--quiet"]) == 0
+
+    def interrupted(task: Any, items: Any, *, workers: int) -> Any:
+        yield task(items[0])
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(evaluate, "each", interrupted)
+        assert run_in(tmp_path / "cut", words) == 130
+    assert Store(tmp_path / "cut").refs() == []
+    assert len(list((tmp_path / "cut/artifacts/.runs").glob("*/medium-*.json"))) == 2
+    assert run_in(tmp_path / "cut", [*words, "--quiet"]) == 0
+    assert episodes(tmp_path / "cut") == episodes(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("where", ["encoder.fit.save_every=5", "encoder.fit.save_every=5000"])
