@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -65,7 +65,9 @@ class LocalControl(Protocol):
 class Follower(Protocol):
     """Turns a plan into actions, one step at a time."""
 
-    def act(self, route: Route, z: Float32, goal: Float32, context: Float32) -> tuple[Float32, Route]:
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
         """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
         ...
 
@@ -205,9 +207,7 @@ class Replan:
         goal = self.estimator(task.goal, task.context)
         return Following(task, goal, None, 0, PlanLog.empty(len(goal)))
 
-    def act(
-        self, state: Following, frames: Uint8, running: Bool
-    ) -> tuple[Float32, Following]:
+    def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
         task = state.task
         z = self.estimator(frames, task.context)
@@ -338,7 +338,7 @@ def run_episodes(
         if not running.any():
             break
         action, state = controller.act(state, _stack(history), running)
-        for b in np.flatnonzero(running):
+        for b in np.flatnonzero(running).tolist():
             frame, _, _, _, info = envs[b].step(action[b])
             history[b].append(frame)
             states[b].append(info["state"])
@@ -366,6 +366,5 @@ def run_episodes(
 
 def _stack(history: Sequence[Sequence[Uint8]]) -> Uint8:
     """The last F frames of each row [B,F,64,64,3]; the first frame repeats at the start."""
-    return np.stack(
-        [np.stack([frames[max(len(frames) - FRAMES + i, 0)] for i in range(FRAMES)]) for frames in history]
-    )
+    back = range(-FRAMES, 0)
+    return np.stack([np.stack([row[max(len(row) + i, 0)] for i in back]) for row in history])

@@ -85,7 +85,7 @@ class _Run:
     def advance(self, loss: Tensor) -> None:
         """One gradient step."""
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        loss.backward()
         self.optimizer.step()
         self.schedule.step()
         self.step += 1
@@ -155,4 +155,4 @@ def write_metrics(rows: list[dict[str, float]], folder: Path) -> None:
         for row in rows:
             for name, value in row.items():
                 if name != "step":
-                    board.add_scalar(name, value, int(row["step"]))  # type: ignore[no-untyped-call]
+                    board.add_scalar(name, value, int(row["step"]))

@@ -34,28 +34,28 @@ class EncoderStage(StrictModel):
 
     net: EncoderConfig = EncoderConfig()
     cpc: CpcConfig = CpcConfig()
-    fit: FitConfig = FitConfig(steps=1500, batch_size=256)
+    fit: FitConfig = FitConfig(steps=8000, batch_size=256)
 
 
 class EnsembleStage(StrictModel):
     """Everything `train-ensemble` needs."""
 
     net: EnsembleConfig = EnsembleConfig()
-    fit: FitConfig = FitConfig(steps=1500, batch_size=512)
+    fit: FitConfig = FitConfig(steps=10_000, batch_size=512)
 
 
 class DensityStage(StrictModel):
     """Everything `train-density` needs."""
 
     net: DensityConfig = DensityConfig()
-    fit: FitConfig = FitConfig(steps=2500, batch_size=512)
+    fit: FitConfig = FitConfig(steps=5000, batch_size=512)
 
 
 class PolicyStage(StrictModel):
     """Everything `train-policy` needs."""
 
     net: PolicyConfig = PolicyConfig()
-    fit: FitConfig = FitConfig(steps=1500, batch_size=512)
+    fit: FitConfig = FitConfig(steps=6000, batch_size=512)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def seed_torch(seed: int, stage: str) -> None:
 
 
 class FrameWindows:
-    """Stacks of consecutive states cut from a dataset: frames preprocessed once, stacked by index."""
+    """Windows of states from a dataset: frames preprocessed once, stacked by index."""
 
     def __init__(self, dataset: Dataset, features: Tensor, context: Tensor) -> None:
         self.features, self.context = features, context  # [N,3,S,S], [E,C]
@@ -314,7 +314,8 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
         rows = data.batch(rng, members * size)
-        z, action, context, z_next = (x.unflatten(0, (members, size)) for x in data.transitions(rows))
+        parts = data.transitions(rows)
+        z, action, context, z_next = (part.unflatten(0, (members, size)) for part in parts)
         target = (z_next - z) / model.scale.step
         error = (model.members(z, action, context) - target).square().mean()
         return members * error, {"mse": error}
@@ -406,7 +407,8 @@ def train_policy(
 
     def error(rows: Tensor) -> Tensor:
         z, action, context, z_next = data.transitions(rows)
-        return (model(z, z_next, context) - action).square().mean()
+        value: Tensor = (model(z, z_next, context) - action).square().mean()
+        return value
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
         value = error(data.batch(rng, size))
@@ -432,4 +434,3 @@ def train_policy(
         "val_round_trip_in_steps": float(miss.mean()) / length,
     }
     return Trained(model, data.sizes, curve, metrics)
-

@@ -23,6 +23,7 @@ class ForwardModel(nn.Module):
 
     def __init__(self, latent_size: int, action_size: int, context_size: int, width: int) -> None:
         super().__init__()
+        self.latent_size = latent_size
         self.net = mlp([latent_size + action_size + context_size, width, width, latent_size])
 
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:

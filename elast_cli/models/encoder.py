@@ -72,8 +72,9 @@ class Encoder(nn.Module):
 
 def _block_sums(x: Tensor, side: int, pool: int) -> Tensor:
     """Sums over pool x pool blocks of frames [N,P·S,P·S,3]: [N,S,S,3]; rows first, for speed."""
-    rows = x.unflatten(1, (side, pool)).sum(2)
-    return rows.unflatten(2, (side, pool)).sum(3)
+    rows: Tensor = x.unflatten(1, (side, pool))
+    columns: Tensor = rows.sum(2).unflatten(2, (side, pool))
+    return columns.sum(3)
 
 
 class ConvStack(nn.Module):

@@ -6,7 +6,7 @@ how many rows it came with, to the bit, on one CPU set-up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from copy import copy
 
 import numpy as np
@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from elast_cli.models.density import TransitionDensity
 from elast_cli.models.dynamics import ForwardModel
 from elast_cli.models.encoder import Encoder
+from elast_cli.models.nets import EnsembleLinear
 from elast_cli.models.policy import LocalPolicy
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.shapes import Float32, Int64, Uint8
@@ -29,7 +30,7 @@ def _tiles(x: Tensor) -> Tensor:
     missing = -len(x) % TILE
     if missing:
         x = torch.cat([x, x.new_zeros(missing, x.shape[1])])
-    return x.unflatten(0, (-1, TILE))
+    return x.view(-1, TILE, x.shape[1])
 
 
 class TiledNetwork:
@@ -58,9 +59,10 @@ class TiledNetwork:
 class TiledEnsemble:
     """Every member of an ensemble on the same tiles."""
 
-    def __init__(self, layers: Sequence[tuple[Tensor, Tensor]]) -> None:
-        self.weights = [weight.detach().contiguous() for weight, _ in layers]  # [E,in,out]
-        self.biases = [bias.detach().contiguous() for _, bias in layers]  # [E,1,out]
+    def __init__(self, layers: Iterable[nn.Module]) -> None:
+        linear = [layer for layer in layers if isinstance(layer, EnsembleLinear)]
+        self.weights = [layer.weight.detach().contiguous() for layer in linear]  # [E,in,out]
+        self.biases = [layer.bias.detach().contiguous() for layer in linear]  # [E,1,out]
 
     def __call__(self, x: Tensor) -> Tensor:
         """[M, in] -> [E, M, out]."""
@@ -117,17 +119,14 @@ class LatentWorld:
         self.width = density.config.width
         self.feature_size = 2 * self.width + self.latent_size
         self.members = 1 if forward_model else dynamics.config.members
-        self.action_size = policy.net[-1].out_features
-        pairs = [(layer.weight, layer.bias) for layer in self.ensemble.layers]
-        self._ensemble = TiledEnsemble(pairs)
+        self.action_size = policy.action_size
+        self._ensemble = TiledEnsemble(self.ensemble.layers)
         self._rest = TiledNetwork(density.rest)
         self._policy = TiledNetwork(policy.net)
         self._single = TiledNetwork(forward_model.net) if forward_model else None
         self._first = _first_layer_as_network(density)
         std = density.noise_std()
-        self._log_noise = float(
-            -torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi)
-        )
+        self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
 
     def at(self, context: Float32) -> LatentWorld:
         """This world for scenarios with contexts [B,C]."""
@@ -175,7 +174,7 @@ class LatentWorld:
         gap = np.empty(pairs, np.float32)
         _pair_hidden(features, source, target, self.width, hidden.numpy(), gap)
         tiles = hidden.to(self.device).unflatten(0, (-1, TILE))
-        log_ratio = self._rest.on_tiles(tiles).flatten()[:pairs].cpu().numpy()
+        log_ratio: Float32 = self._rest.on_tiles(tiles).flatten()[:pairs].cpu().numpy()
         return log_ratio - np.float32(0.5) * gap + np.float32(self._log_noise)
 
     @torch.inference_mode()
@@ -211,7 +210,7 @@ class CemRollout:
 
     def __init__(self, model: ForwardModel, action_size: int) -> None:
         self.net = model.net
-        self.latent_size = model.net[-1].out_features
+        self.latent_size = model.latent_size
         self.action_size = action_size
         self.members = 1
 

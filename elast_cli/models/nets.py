@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +14,7 @@ QUANTILE_GRID = 1001
 def mlp(sizes: Sequence[int]) -> nn.Sequential:
     """Fully connected ReLU network through `sizes`; the last layer is linear."""
     layers: list[nn.Module] = []
-    for n_in, n_out in zip(sizes[:-2], sizes[1:-1], strict=True):
+    for n_in, n_out in pairwise(sizes[:-1]):
         layers += [nn.Linear(n_in, n_out), nn.ReLU()]
     layers.append(nn.Linear(sizes[-2], sizes[-1]))
     return nn.Sequential(*layers)
@@ -34,7 +35,7 @@ class EnsembleLinear(nn.Module):
 
 
 class QuantileTable(nn.Module):
-    """Empirical quantile function of one scalar on observed transitions; thresholds come from it."""
+    """Quantiles of one scalar on observed transitions; thresholds come from them."""
 
     values: Tensor
 

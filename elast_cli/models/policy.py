@@ -25,6 +25,7 @@ class LocalPolicy(nn.Module):
     ) -> None:
         super().__init__()
         self.config = config
+        self.action_size = action_size
         self.scale = LatentScale(latent_size)
         self.net = mlp([2 * latent_size + context_size, config.width, config.width, action_size])
         self.round_trip_quantiles = QuantileTable()

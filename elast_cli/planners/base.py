@@ -128,4 +128,3 @@ class Radii:
     goal: float
     crowding: float = np.inf
     duplicate: float = 0.0
-

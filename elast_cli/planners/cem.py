@@ -13,7 +13,6 @@ from torch import Tensor
 from elast_cli.config import StrictModel
 from elast_cli.planners.base import Plan, Query
 from elast_cli.seeding import derived_seed
-from elast_cli.shapes import Float32
 
 
 class CemConfig(StrictModel):

@@ -17,7 +17,7 @@ from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 
 class TreeConfig(StrictModel):
-    """The search. Probabilities are the paper's; what it does not state is ours (docs/method.md)."""
+    """The search. The three p are the paper's; what it does not state is ours: docs/method.md."""
 
     expansions: int = Field(default=12_000, ge=1)
     batch_min: int = Field(default=8, ge=1)
@@ -173,9 +173,10 @@ class Search:
 
     def _index(self, row: Int64 | Int32, node: Int64 | Int32) -> Int64:
         """Flat index of nodes into the feature table."""
-        return row.astype(np.int64) * self.forest.feature.shape[1] + node
+        index: Int64 = row.astype(np.int64) * self.forest.feature.shape[1] + node
+        return index
 
-    def _log_density(self, row: Int64, source: Int64, target: Int64) -> Float32:
+    def _log_density(self, row: Int64, source: Int64 | Int32, target: Int64 | Int32) -> Float32:
         table = self.forest.feature.reshape(-1, self.forest.feature.shape[2])
         self.tally.density += np.bincount(row, minlength=len(self.tally.density))
         return self.world.log_density(table, self._index(row, source), self._index(row, target))
@@ -253,7 +254,11 @@ class Search:
             self._offer(row, node, added, into)
             self._offer(row, added, node, out_of)
         tree.update_nearest(
-            forest.latent, self.query.goal, before, forest.size, forest.nearest,
+            forest.latent,
+            self.query.goal,
+            before,
+            forest.size,
+            forest.nearest,
             forest.nearest_distance,
         )
 

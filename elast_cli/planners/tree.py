@@ -48,10 +48,12 @@ class Forest:
     @property
     def capacity(self) -> int:
         """Most nodes a tree can hold, N."""
-        return self.parent.shape[1]
+        return int(self.parent.shape[1])
 
 
-def plant(start: Float32, feature: Float32, goal: Float32, *, nodes: int, extra: int, actions: int) -> Forest:
+def plant(
+    start: Float32, feature: Float32, goal: Float32, *, nodes: int, extra: int, actions: int
+) -> Forest:
     """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each."""
     b, z = start.shape
     links = [np.full((b, nodes), NONE, np.int32) for _ in range(4)]
