@@ -62,7 +62,7 @@ def project_2d(
 
 def _isomap(chosen: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Isomap of `rows` from the `chosen` landmarks [L, Z]; None if their graph is in pieces."""
-    from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]  # no stubs
+    from scipy.sparse.csgraph import connected_components
     from sklearn.manifold import Isomap  # type: ignore[import-untyped]  # no stubs
     from sklearn.neighbors import kneighbors_graph  # type: ignore[import-untyped]  # no stubs
 

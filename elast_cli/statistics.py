@@ -85,7 +85,7 @@ def t_interval(values: Sequence[float], *, confidence: float = 0.95) -> Interval
     centre, deviation = mean(values), standard_deviation(values)
     if centre is None or deviation is None:
         return None
-    from scipy.special import stdtrit  # type: ignore[import-untyped]  # no stubs
+    from scipy.special import stdtrit
 
     quantile = float(stdtrit(len(values) - 1, 0.5 + confidence / 2))
     half = quantile * deviation / math.sqrt(len(values))
