@@ -290,7 +290,8 @@ class Trace:
 
     Attributes:
         steps: steps until first success; None where it never came.
-        held: within the radius at the last step too.
+        held: within the radius at the end of the budget too.
+        length: T, steps until first success or the end of the budget.
         frames: every frame u8 [T+1,64,64,3] if it was asked for.
         states: true states [T+1,S], for people.
         goal: the goal's frame u8 [64,64,3].
@@ -321,37 +322,38 @@ def run_episodes(
     context: Float32,
     keep_frames: bool = False,
 ) -> list[Trace]:
-    """Run one episode a scenario, all side by side; an episode ends at its first success.
+    """Run one episode a scenario, all side by side, each to the end of its budget.
 
-    Success is being within the radius at any step of the budget. `held` looks at the end of the
-    budget only where the episode ran that long, so it equals success here.
+    Success is being within the radius at any step. From then on a row no longer counts as running:
+    the controller acts on, without new plans, and only whether it holds the goal is of interest.
     """
     first = [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
     goals = np.stack([info["goal"] for _, info in first])
     history = [[frame] for frame, _ in first]
     states = [[info["state"]] for _, info in first]
     steps: list[int | None] = [None] * len(envs)
+    held = [False] * len(envs)
     task = Task(np.repeat(goals[:, None], FRAMES, axis=1), context, seeds)
     state = controller.begin(task)
     for t in range(max_steps):
         running = np.array([done is None for done in steps])
-        if not running.any():
-            break
         action, state = controller.act(state, _stack(history), running)
-        for b in np.flatnonzero(running).tolist():
-            frame, _, _, _, info = envs[b].step(action[b])
+        for b, env in enumerate(envs):
+            frame, _, _, _, info = env.step(action[b])
             history[b].append(frame)
             states[b].append(info["state"])
-            if info["success"]:
+            held[b] = info["success"]
+            if held[b] and steps[b] is None:
                 steps[b] = t + 1
     log = getattr(state, "log", PlanLog.empty(len(envs)))
+    length = [max_steps if done is None else done for done in steps]
     return [
         Trace(
             steps=steps[b],
-            held=steps[b] is not None,
-            length=len(history[b]) - 1,
-            frames=np.stack(history[b]) if keep_frames else None,
-            states=np.stack(states[b]),
+            held=held[b],
+            length=length[b],
+            frames=np.stack(history[b][: length[b] + 1]) if keep_frames else None,
+            states=np.stack(states[b][: length[b] + 1]),
             goal=goals[b],
             plans=int(log.plans[b]),
             plan_s=float(log.seconds[b]),

@@ -156,3 +156,5 @@ def write_metrics(rows: list[dict[str, float]], folder: Path) -> None:
             for name, value in row.items():
                 if name != "step":
                     board.add_scalar(name, value, int(row["step"]))
+    for events in folder.glob("events.out.tfevents.*"):  # named after host and time; drop both
+        events.rename(folder / "events.out.tfevents.elast")

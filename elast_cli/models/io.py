@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from pydantic import Field
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel, dump_yaml, open_regular, read_yaml, validate
@@ -99,7 +99,8 @@ def save_model(folder: Path, module: nn.Module, *, sizes: Sizes) -> None:
     else:
         raise TypeError(f"{type(module).__name__} is not a kind of artifact")
     weights = {k: v.detach().cpu().contiguous() for k, v in module.state_dict().items()}
-    save_file(weights, folder / WEIGHTS)
+    with (folder / WEIGHTS).open("xb") as file:
+        file.write(save(weights))
     (folder / SIZES).write_text(dump_yaml(spec.model_dump(mode="json")))
 
 

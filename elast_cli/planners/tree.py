@@ -145,7 +145,7 @@ def find_neighbors(
                     step = point[d] - latent[b, j, d]
                     gap += step * step
                 if gap <= limit:
-                    if gap <= same and depth[b, j] <= new_depth[b, k]:
+                    if gap < same and depth[b, j] <= new_depth[b, k]:
                         alive[b, k] = False
                         found = first
                         break
