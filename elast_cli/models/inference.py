@@ -112,7 +112,7 @@ class LatentWorld:
     ) -> None:
         """Take frozen models; with `forward_model`, h_f alone predicts and variance is 0."""
         self.device = density.first.weight.device
-        self.ensemble, self.support = dynamics.ensemble, dynamics.support
+        self.ensemble = dynamics.ensemble
         self.density, self.policy = density, policy
         self.context = torch.zeros(0, 0)
         self.latent_size = density.latent_size
@@ -125,6 +125,8 @@ class LatentWorld:
         self._policy = TiledNetwork(policy.net)
         self._single = TiledNetwork(forward_model.net) if forward_model else None
         self._first = _first_layer_as_network(density)
+        latents = dynamics.support.latents
+        self._support = -2 * latents.T.contiguous(), latents.square().sum(1)  # ‖x-y‖² - ‖x‖²
         std = density.noise_std()
         self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
 
@@ -179,8 +181,15 @@ class LatentWorld:
 
     @torch.inference_mode()
     def support_distance(self, z: Float32) -> Float32:
-        """Distance [M] to the nearest encoded training state."""
-        return self.support.distance(self._in(z)).cpu().numpy()
+        """Distance [M] to the nearest encoded training state.
+
+        `Support.distance` on tiles: its own products differ in the last bit with the batch's size.
+        """
+        x = self._in(z)
+        tiles, (weight, bias) = _tiles(x), self._support
+        nearest = torch.baddbmm(bias, tiles, weight.expand(len(tiles), -1, -1)).amin(2)
+        squared = x.square().sum(1) + nearest.flatten()[: len(x)]
+        return squared.clamp_min(0).sqrt().cpu().numpy()
 
     @torch.inference_mode()
     def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
@@ -216,17 +225,19 @@ class CemRollout:
 
     @torch.inference_mode()
     def __call__(self, z: Tensor, actions: Tensor, context: Tensor) -> Tensor:
-        """From z [Z] under action sequences [K,H,A] in context [C] to latents [K,H,Z]."""
+        """From z [Z] under action sequences [K,H,A] in context [C] to latents [K,H,Z] on the CPU."""
         samples, horizon, size = actions.shape
-        x = torch.empty(samples, self.latent_size + size + len(context))
+        device = next(self.net.parameters()).device
+        actions = actions.to(device)
+        x = torch.empty(samples, self.latent_size + size + len(context), device=device)
         x[:, : self.latent_size] = z
         x[:, self.latent_size + size :] = context
-        path = torch.empty(samples, horizon, self.latent_size)
+        path = torch.empty(samples, horizon, self.latent_size, device=device)
         for t in range(horizon):
             x[:, self.latent_size : self.latent_size + size] = actions[:, t]
             x[:, : self.latent_size] += self.net(x)
             path[:, t] = x[:, : self.latent_size]
-        return path
+        return path.cpu()
 
 
 class FrameEncoder:

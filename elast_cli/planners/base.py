@@ -121,7 +121,7 @@ class Radii:
         neighbor: r_neigh, within which nodes are rewired.
         goal: r_goal, within which a path counts as having reached the goal.
         crowding: within which nodes count as crowding each other; at most `neighbor`.
-        duplicate: a new node this near to one that is no costlier is dropped.
+        duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
     """
 
     neighbor: float

@@ -21,9 +21,10 @@ class CemConfig(StrictModel):
     horizon: int = Field(default=50, ge=1)
     num_samples: int = Field(default=500, ge=2)
     n_steps: int = Field(default=10, ge=1)
-    topk: int = Field(default=50, ge=1)
+    topk: int = Field(default=50, ge=2)  # a single elite has no deviation
     var_scale: float = Field(default=1.0, gt=0)
     min_std: float = Field(default=0.05, ge=0)
+    noise_correlation: float = Field(default=0.0, ge=0, lt=1)  # of one step's noise with the next
     cost: Literal["terminal", "summed"] = "summed"
     replan_every: int = Field(default=5, ge=1)
     warm_start: bool = True  # of the mean, by the actions left of the plan before
@@ -96,9 +97,10 @@ class CemPlanner:
         generator = torch.Generator().manual_seed(derived_seed("plan", seed))
         mean, std = guess, torch.full_like(guess, config.var_scale)
         shape = (config.num_samples, *guess.shape)
-        best, best_cost, best_path = guess, float("inf"), start[None]
+        best, best_cost = guess, float("inf")
+        best_path = start.expand(config.horizon + 1, -1)  # stays where every sample overflows
         for _ in range(config.n_steps):
-            noise = torch.randn(shape, generator=generator)
+            noise = _correlated(torch.randn(shape, generator=generator), config.noise_correlation)
             actions = (mean + std * noise).clamp(-1, 1)
             path = self.rollout(start, actions, context)
             distance = (path - goal).norm(dim=-1)
@@ -111,3 +113,12 @@ class CemPlanner:
                 best = actions[elite[0]]
                 best_path = torch.cat([start[None], path[elite[0]]])
         return best, best_path
+
+
+def _correlated(noise: Tensor, correlation: float) -> Tensor:
+    """White noise [K,H,A] made into unit-variance noise correlated from step to step, in place."""
+    if correlation:
+        fresh = (1 - correlation**2) ** 0.5
+        for t in range(1, noise.shape[1]):
+            noise[:, t].mul_(fresh).add_(noise[:, t - 1], alpha=correlation)
+    return noise

@@ -125,7 +125,7 @@ def find_neighbors(
 
     Their squared distances go to `gaps` [P].
 
-    A candidate within `duplicate` of a node that is no costlier is marked dead, and has no pairs.
+    A candidate nearer than `duplicate` to a node that is no costlier is marked dead, without pairs.
     Returns the number of pairs found; where that exceeds the room in `pairs`, call again with more
     (the marks stay valid).
     """
