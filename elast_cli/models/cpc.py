@@ -10,7 +10,7 @@ from torch.nn import functional
 from elast_cli.config import StrictModel
 from elast_cli.models.dynamics import ForwardModel, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
-from elast_cli.models.nets import QuantileTable
+from elast_cli.models.nets import MAX_WIDTH, QuantileTable
 
 
 class CpcConfig(StrictModel):
@@ -18,7 +18,7 @@ class CpcConfig(StrictModel):
 
     horizon: int = Field(default=3, ge=1, le=20)
     consistency_weight: float = Field(default=4.0, ge=0)
-    dynamics_width: int = Field(default=128, gt=0)
+    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     still_share: float = Field(default=0.5, ge=0, le=1)
 
 

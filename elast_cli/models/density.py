@@ -11,13 +11,13 @@ from torch.nn import functional
 
 from elast_cli.config import StrictModel
 from elast_cli.models.dynamics import LatentScale
-from elast_cli.models.nets import QuantileTable, mlp
+from elast_cli.models.nets import MAX_WIDTH, QuantileTable, mlp
 
 
 class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text."""
 
-    width: int = Field(default=128, gt=0)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     noise_ratio: int = Field(default=10, ge=1)
     noise_scale: float = Field(default=1.0, gt=0)
 

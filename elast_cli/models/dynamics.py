@@ -7,15 +7,15 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
-from elast_cli.models.nets import EnsembleLinear, QuantileTable, mlp
+from elast_cli.models.nets import MAX_WIDTH, EnsembleLinear, QuantileTable, mlp
 
 
 class EnsembleConfig(StrictModel):
     """Size of H_f; m is not stated in the paper's main text."""
 
-    members: int = Field(default=5, ge=1)
-    width: int = Field(default=128, gt=0)
-    support_size: int = Field(default=10_000, ge=100)
+    members: int = Field(default=5, ge=1, le=100)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    support_size: int = Field(default=10_000, ge=100, le=10_000_000)
 
 
 class ForwardModel(nn.Module):

@@ -9,7 +9,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
-from elast_cli.models.nets import mlp
+from elast_cli.models.nets import MAX_WIDTH, mlp
 from elast_cli.shapes import FRAMES, IMAGE_SIZE
 
 
@@ -18,7 +18,7 @@ class EncoderConfig(StrictModel):
 
     architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
     latent_size: int = Field(default=8, gt=0, le=256)
-    width: int = Field(default=128, gt=0)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     pool: Literal[1, 2, 4, 8] = 4
 
 

@@ -133,14 +133,14 @@ def load_model(folder: Path, kind: str) -> nn.Module:
 
 def _check_header(path: Path) -> None:
     """Refuse a header that is too long or no JSON object before the library reads it."""
-    with open_regular(path) as file:
-        length = int.from_bytes(file.read(8), "little")
-        if length > _MAX_HEADER:
-            raise DataError(f"{path}: not a safetensors file, or its header is too long")
-        try:
+    try:
+        with open_regular(path) as file:
+            length = int.from_bytes(file.read(8), "little")
+            if length > _MAX_HEADER:
+                raise DataError(f"{path}: not a safetensors file, or its header is too long")
             header = json.loads(file.read(length))
-        except (ValueError, RecursionError) as error:
-            raise DataError(f"{path}: not a safetensors file: {error}") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"{path}: not a safetensors file: {error}") from error
     if not isinstance(header, dict):
         raise DataError(f"{path}: not a safetensors file: its header is no mapping")
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 QUANTILE_GRID = 1001
+MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 
 
 def mlp(sizes: Sequence[int]) -> nn.Sequential:

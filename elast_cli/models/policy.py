@@ -8,13 +8,13 @@ from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
 from elast_cli.models.dynamics import LatentScale
-from elast_cli.models.nets import QuantileTable, mlp
+from elast_cli.models.nets import MAX_WIDTH, QuantileTable, mlp
 
 
 class PolicyConfig(StrictModel):
     """Size of π."""
 
-    width: int = Field(default=128, gt=0)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
 
 
 class LocalPolicy(nn.Module):

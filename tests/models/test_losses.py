@@ -1,0 +1,111 @@
+"""Each loss against numbers worked out by hand from the paper's equations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce
+from elast_cli.models.density import nce_loss
+from elast_cli.models.encoder import EncoderConfig
+
+
+def test_nce_with_no_knowledge_costs_what_equation_2_says() -> None:
+    """p_m = p_n: Eq. 1 gives m = 1 / (1 + ν) everywhere."""
+    zero = torch.zeros(4)
+    loss = nce_loss(zero, zero, torch.tensor([True, False, False, False]), 3.0)
+    assert loss.item() == pytest.approx(-(math.log(1 / 4) + 3 * math.log(3 / 4)))
+
+
+def test_nce_against_equations_1_and_2_term_by_term() -> None:
+    log_model, log_noise = np.array([0.5, -1.0, 2.0, -3.0]), np.array([-0.5, -2.0, 0.0, -1.0])
+    ratio, is_data = 2.0, np.array([True, True, False, False])
+    model, noise = np.exp(log_model), np.exp(log_noise)
+    share = model / (model + ratio * noise)  # Eq. 1
+    data, other = np.log(share[:2]).mean(), np.log(1 - share[2:]).mean()
+    expected = -(data + ratio * other)  # Eq. 2
+    loss = nce_loss(*map(torch.from_numpy, (log_model, log_noise, is_data)), noise_ratio=ratio)
+    assert loss.item() == pytest.approx(expected, abs=1e-12)
+
+
+def test_nce_is_least_where_the_model_is_the_truth() -> None:
+    """Data and noise on two cells: p = (0.8, 0.2) against (0.5, 0.5), ν = 1."""
+    cells = torch.tensor([0] * 8 + [1] * 2 + [0] * 5 + [1] * 5)
+    is_data = torch.arange(20) < 10
+    log_noise = torch.full((20,), math.log(0.5))
+
+    def loss(first: float) -> float:
+        log_model = torch.log(torch.tensor([first, 1 - first]))[cells]
+        return nce_loss(log_model, log_noise, is_data, 1.0).item()
+
+    assert loss(0.8) < min(loss(0.7), loss(0.9), loss(0.5))
+
+
+def test_nce_stays_finite_at_extreme_densities() -> None:
+    extreme = torch.tensor([1e4, -1e4, 1e4, -1e4])
+    loss = nce_loss(extreme, torch.zeros(4), torch.tensor([True, True, False, False]), 1.0)
+    assert loss.item() == pytest.approx(1e4)
+
+
+def test_info_nce_against_its_softmax_by_hand() -> None:
+    prediction = torch.tensor([[0.0], [1.0]])
+    future = torch.tensor([[0.0], [2.0]])  # squared distances: 0, 4 and 1, 1
+    expected = -(math.log(1 / (1 + math.exp(-4))) + math.log(1 / 2)) / 2
+    assert info_nce(prediction, future).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_info_nce_of_predictions_that_say_nothing_is_the_log_of_the_batch() -> None:
+    assert info_nce(torch.zeros(16, 2), torch.zeros(16, 2)).item() == pytest.approx(math.log(16))
+
+
+class _Latent(nn.Module):
+    """Encodes a stack as the first pixel of its last frame."""
+
+    def forward(self, features: Tensor, context: Tensor) -> Tensor:
+        return features[:, -1, 0, 0, :1]
+
+
+class _Add(nn.Module):
+    """z + a + c."""
+
+    def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
+        return z + action + context
+
+
+def toy_representation(config: CpcConfig) -> Representation:
+    """A representation whose z is a pixel and whose h_f is z + a + c."""
+    model = Representation(EncoderConfig(latent_size=1, width=1), config, 1, 1)
+    model.encoder, model.dynamics = _Latent(), _Add()  # type: ignore[assignment]  # toys
+    return model
+
+
+def test_cpc_predicts_its_own_predictions_forward() -> None:
+    config = CpcConfig(horizon=2, consistency_weight=0.5)
+    z = torch.tensor([[0.0, 1.0, 3.0], [5.0, 5.0, 6.0]])  # [M, k+1]
+    features = torch.zeros(2, 3, 3, 3, 1, 1)
+    features[:, :, -1, 0, 0, 0] = z
+    actions = torch.tensor([[[1.0], [1.0]], [[1.0], [0.0]]])
+    context = torch.tensor([[0.0], [-1.0]])
+    # auto-regressive: 0 -> 1 -> 2 and 5 -> 5 -> 4; errors 0, 0 then 1, 4 (Eq. 4)
+    consistency = (0 + 0) / 2 + (1 + 4) / 2
+    logits = -np.array([[1.0, 16.0], [1.0, 4.0]])  # of predictions 2, 4 to futures 3, 6
+    contrast = -np.log(np.exp(np.diag(logits)) / np.exp(logits).sum(1)).mean()
+    loss, parts = cpc_loss(toy_representation(config), features, actions, context, config)
+    assert parts["consistency"].item() == pytest.approx(consistency)
+    assert parts["info_nce"].item() == pytest.approx(contrast, rel=1e-5)
+    assert loss.item() == pytest.approx(contrast + 0.5 * consistency, rel=1e-5)
+
+
+def test_a_perfect_model_has_no_consistency_loss() -> None:
+    config = CpcConfig(horizon=1)
+    features = torch.zeros(4, 2, 3, 3, 1, 1)
+    features[:, 1, -1, 0, 0, 0] = torch.arange(4.0) * 10
+    actions = torch.arange(4.0)[:, None, None] * 10
+    zero = torch.zeros(4, 1)
+    loss, parts = cpc_loss(toy_representation(config), features, actions, zero, config)
+    assert parts["consistency"].item() == 0
+    assert loss.item() == pytest.approx(0, abs=1e-6)
