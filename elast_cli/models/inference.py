@@ -225,7 +225,7 @@ class CemRollout:
 
     @torch.inference_mode()
     def __call__(self, z: Tensor, actions: Tensor, context: Tensor) -> Tensor:
-        """From z [Z] under action sequences [K,H,A] in context [C] to latents [K,H,Z] on the CPU."""
+        """From z [Z] under actions [K,H,A] in context [C] to latents [K,H,Z] on the CPU."""
         samples, horizon, size = actions.shape
         device = next(self.net.parameters()).device
         actions = actions.to(device)
