@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
 from elast_cli.dataset import Dataset
+from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig, fit
 from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
 from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
@@ -130,6 +131,9 @@ def train_encoder(
         context: context vector of each episode [E,C].
         stage: configuration.
         setting: seed, device, folder.
+
+    Raises:
+        DataError: the episodes are too short for the horizon.
     """
     seed_torch(setting.seed, "encoder")
     action_size = dataset.action.shape[1]
@@ -139,6 +143,11 @@ def train_encoder(
     windows = FrameWindows(dataset, features, context.to(setting.device))
     horizon = stage.cpc.horizon
     starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
+    if not (len(starts) and len(held_out)):
+        raise DataError(
+            f"no episode is longer than encoder.cpc.horizon, {horizon} steps; collect longer ones "
+            "(--set collect.episode_steps=50)"
+        )
     sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]

@@ -1,0 +1,306 @@
+"""Every learned part on a tiny world: a bright square on a dark floor, moved by its action."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from elast_cli.dataset import Dataset, stack_rows
+from elast_cli.errors import DataError
+from elast_cli.fit import FitConfig
+from elast_cli.models.cpc import CpcConfig, Representation
+from elast_cli.models.density import DensityConfig, TransitionDensity
+from elast_cli.models.dynamics import EnsembleConfig
+from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.policy import LocalPolicy, PolicyConfig
+from elast_cli.models.support import SupportedDynamics
+from elast_cli.progress import Silent
+from elast_cli.training import (
+    DensityStage,
+    EncoderStage,
+    EnsembleStage,
+    FrameWindows,
+    LatentData,
+    PolicyStage,
+    Setting,
+    Trained,
+    encode,
+    train_density,
+    train_encoder,
+    train_ensemble,
+    train_policy,
+)
+
+EPISODES, ROWS = 30, 21
+ENCODER = EncoderStage(
+    net=EncoderConfig(latent_size=3, width=32, pool=4),
+    cpc=CpcConfig(horizon=2, dynamics_width=32),
+    fit=FitConfig(steps=150, batch_size=64, learning_rate=3e-3, log_every=25),
+)
+FIT = FitConfig(steps=200, batch_size=64, learning_rate=3e-3, log_every=25)
+
+
+def recorded(rows: int = ROWS, episodes: int = EPISODES) -> Dataset:
+    """Random walks of the square; the state is where it is."""
+    rng = np.random.default_rng(0)
+    pixels = np.zeros((episodes * rows, 64, 64, 3), np.uint8)
+    action = rng.uniform(-1, 1, (episodes * rows, 2)).astype(np.float32)
+    state = np.zeros((episodes * rows, 2), np.float32)
+    for row in range(len(pixels)):
+        new = row % rows == 0
+        before = rng.uniform(10, 54, 2) if new else state[row - 1] + 6 * action[row - 1]
+        state[row] = np.clip(before, 8, 56)
+        x, y = state[row].astype(int)
+        pixels[row, y - 8 : y + 8, x - 8 : x + 8] = (255, 120, 30)
+    action[rows - 1 :: rows] = np.nan
+    length = np.full(episodes, rows, np.int32)
+    return Dataset(pixels, action, state, length, np.arange(episodes) * rows, None)
+
+
+def setting(work: Path, seed: int = 0) -> Setting:
+    work.mkdir(exist_ok=True)
+    return Setting(seed, work, torch.device("cpu"), Silent())
+
+
+@pytest.fixture(scope="module")
+def dataset() -> Dataset:
+    return recorded()
+
+
+@pytest.fixture(scope="module")
+def context() -> torch.Tensor:
+    return torch.zeros(EPISODES, 0)
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("training")
+
+
+@pytest.fixture(scope="module")
+def encoder(dataset: Dataset, context: torch.Tensor, work: Path) -> Trained:
+    return train_encoder(dataset, context, ENCODER, setting(work / "encoder"))
+
+
+@pytest.fixture(scope="module")
+def data(dataset: Dataset, context: torch.Tensor, work: Path, encoder: Trained) -> LatentData:
+    assert isinstance(encoder.module, Representation)
+    return encode(dataset, context, encoder.module, setting(work / "encoder"))
+
+
+@pytest.fixture(scope="module")
+def ensemble(data: LatentData, work: Path) -> Trained:
+    stage = EnsembleStage(net=EnsembleConfig(members=3, width=32, support_size=200), fit=FIT)
+    return train_ensemble(data, stage, setting(work / "ensemble"))
+
+
+@pytest.fixture(scope="module")
+def density(data: LatentData, work: Path) -> Trained:
+    stage = DensityStage(net=DensityConfig(width=32, noise_ratio=4), fit=FIT)
+    return train_density(data, stage, setting(work / "density"))
+
+
+@pytest.fixture(scope="module")
+def policy(data: LatentData, ensemble: Trained, work: Path) -> Trained:
+    assert isinstance(ensemble.module, SupportedDynamics)
+    stage = PolicyStage(net=PolicyConfig(width=32), fit=FIT)
+    return train_policy(data, ensemble.module.ensemble, stage, setting(work / "policy"))
+
+
+def fell(trained: Trained, name: str, factor: float) -> bool:
+    """Whether a held-out metric ended below `factor` times its first value."""
+    return trained.curve[-1][name] < factor * trained.curve[0][name]
+
+
+def held_out(data: LatentData) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    return data.transitions(data.val)
+
+
+# ---- windows ------------------------------------------------------------------------------------
+
+
+def test_stacks_are_the_last_frames_and_never_cross_an_episode(dataset: Dataset) -> None:
+    numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
+    windows = FrameWindows(dataset, numbered, torch.zeros(EPISODES, 0))
+    rows = np.array([0, 1, 5, ROWS, ROWS + 1])
+    found = windows.stacks(rows).flatten(1).tolist()
+    assert found == [
+        [0, 0, 0],
+        [0, 0, 1],
+        [3, 4, 5],
+        [ROWS, ROWS, ROWS],
+        [ROWS, ROWS, ROWS + 1],
+    ]
+    assert found == stack_rows(rows, windows.first[rows]).tolist()
+
+
+def test_a_still_stack_repeats_its_own_frame(dataset: Dataset) -> None:
+    numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
+    windows = FrameWindows(dataset, numbered, torch.zeros(EPISODES, 0))
+    found = windows.stacks(np.array([[5, 9]]), np.array([[True, False]])).flatten(2).tolist()
+    assert found == [[[5, 5, 5], [7, 8, 9]]]
+
+
+def test_a_window_holds_states_the_actions_between_them_and_its_context(dataset: Dataset) -> None:
+    numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
+    windows = FrameWindows(dataset, numbered, torch.arange(EPISODES)[:, None].float())
+    stacks, actions, context = windows.window(np.array([2, ROWS + 3]), 2)
+    assert stacks[..., -1, 0, 0, 0].tolist() == [[2, 3, 4], [ROWS + 3, ROWS + 4, ROWS + 5]]
+    np.testing.assert_array_equal(actions[1], dataset.action[ROWS + 3 : ROWS + 5])
+    assert context.tolist() == [[0], [1]]
+
+
+def test_training_and_held_out_transitions_never_share_an_episode(data: LatentData) -> None:
+    train, val = data.train.numpy(), data.val.numpy()
+    assert not set(train // ROWS) & set(val // ROWS)
+    assert len(train) + len(val) == EPISODES * (ROWS - 1)
+    for rows in (train, val):
+        assert (rows // ROWS == (rows + 1) // ROWS).all()
+        assert torch.isfinite(data.action[rows]).all()
+
+
+# ---- encoder ------------------------------------------------------------------------------------
+
+
+def test_the_encoders_losses_fall_and_its_latents_hold_the_state(encoder: Trained) -> None:
+    assert fell(encoder, "val_info_nce", 0.8)
+    assert encoder.metrics["probe_knn_r2"] > 0.8
+    assert 1.5 < encoder.metrics["latent_dimensions_used"] <= 3
+    assert encoder.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
+
+
+def test_the_encoders_scale_and_step_lengths_are_those_of_its_latents(
+    encoder: Trained, data: LatentData
+) -> None:
+    model = encoder.module
+    assert isinstance(model, Representation)
+    z, _, _, z_next = data.transitions(data.train)
+    torch.testing.assert_close(model.scale.mean, z.mean(0))
+    torch.testing.assert_close(model.scale.step, (z_next - z).square().mean(0).sqrt())
+    lengths = (z_next - z).norm(dim=1).numpy()
+    for p in (0.05, 0.5, 0.95):
+        assert model.step_length(p) == pytest.approx(np.quantile(lengths, p), rel=1e-3)
+
+
+def test_encoding_is_the_encoder_on_every_rows_stack(
+    dataset: Dataset, encoder: Trained, data: LatentData
+) -> None:
+    model = encoder.module
+    assert isinstance(model, Representation)
+    rows = np.array([0, 1, ROWS - 1, ROWS, 100])
+    windows = FrameWindows(
+        dataset, model.encoder.preprocess(torch.from_numpy(dataset.pixels)), torch.zeros(30, 0)
+    )
+    with torch.no_grad():
+        expected = model.encoder(windows.stacks(rows), torch.zeros(5, 0))
+    torch.testing.assert_close(data.z[rows], expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_array_equal(data.state, dataset.state)
+
+
+# ---- the others ---------------------------------------------------------------------------------
+
+
+def test_the_ensemble_learns_and_calibrates_its_variance(
+    ensemble: Trained, data: LatentData
+) -> None:
+    assert fell(ensemble, "val_mse", 0.7)
+    assert isinstance(ensemble.module, SupportedDynamics)
+    z, action, context, _ = held_out(data)
+    with torch.no_grad():
+        _, variance = ensemble.module.ensemble(z, action, context)
+    table = ensemble.module.ensemble.variance_quantiles
+    for p in (0.1, 0.5, 0.99):
+        assert table.at(p) == pytest.approx(np.quantile(variance.numpy(), p), rel=1e-3)
+
+
+def test_the_ensembles_members_differ(ensemble: Trained, data: LatentData) -> None:
+    assert isinstance(ensemble.module, SupportedDynamics)
+    z, action, context, _ = held_out(data)
+    with torch.no_grad():
+        steps = ensemble.module.ensemble.members(z, action, context)
+    assert (steps[0] - steps[1]).abs().mean() > 1e-3
+
+
+def test_the_support_holds_training_states_and_is_calibrated_on_predictions(
+    ensemble: Trained, data: LatentData
+) -> None:
+    assert isinstance(ensemble.module, SupportedDynamics)
+    support = ensemble.module.support
+    rows = support.rows
+    assert len(set(rows.tolist())) == 200
+    assert set(rows.tolist()) <= set(data.train.tolist())
+    torch.testing.assert_close(support.latents, data.z[rows])
+    torch.testing.assert_close(support.states, data.state[rows])
+    z, action, context, _ = held_out(data)
+    with torch.no_grad():
+        predicted, _ = ensemble.module.ensemble(z, action, context)
+    gap = (predicted[:, None] - support.latents).norm(dim=2).amin(1)
+    for p in (0.5, 0.99):
+        expected = np.quantile(gap.numpy(), p)
+        assert support.distance_quantiles.at(p) == pytest.approx(expected, rel=1e-2)
+
+
+def test_the_support_is_never_larger_than_the_data(data: LatentData, tmp_path: Path) -> None:
+    stage = EnsembleStage(
+        net=EnsembleConfig(members=1, width=8), fit=FitConfig(steps=1, batch_size=4)
+    )
+    trained = train_ensemble(data, stage, setting(tmp_path))
+    assert isinstance(trained.module, SupportedDynamics)
+    assert len(trained.module.support.latents) == len(data.train)
+    assert trained.module.config.support_size == len(data.train)
+
+
+def test_the_density_tells_steps_from_noise_and_calibrates_its_threshold(
+    density: Trained, data: LatentData
+) -> None:
+    assert fell(density, "val_nce", 0.95)
+    assert density.metrics["val_balanced_accuracy"] > 0.6
+    assert isinstance(density.module, TransitionDensity)
+    z, _, context, z_next = held_out(data)
+    with torch.no_grad():
+        log_density = density.module(z, z_next, context)
+        far = density.module(z, z + 10 * (z_next - z), context)
+    table = density.module.log_density_quantiles
+    for p in (0.02, 0.5):
+        expected = np.quantile(log_density.numpy(), p)
+        assert table.at(p) == pytest.approx(expected, rel=1e-3, abs=1e-3)
+    assert (far < table.at(0.02)).float().mean() > 0.9
+
+
+def test_the_policy_learns_and_calibrates_its_round_trip(
+    policy: Trained, ensemble: Trained, data: LatentData
+) -> None:
+    assert fell(policy, "val_mse", 0.8)
+    assert isinstance(policy.module, LocalPolicy)
+    assert isinstance(ensemble.module, SupportedDynamics)
+    z, _, context, z_next = held_out(data)
+    with torch.no_grad():
+        action = policy.module(z, z_next, context)
+        landed, _ = ensemble.module.ensemble(z, action, context)
+    miss = (landed - z_next).norm(dim=1).numpy()
+    table = policy.module.round_trip_quantiles
+    for p in (0.5, 0.95):
+        assert table.at(p) == pytest.approx(np.quantile(miss, p), rel=1e-3)
+
+
+def test_the_same_seed_trains_the_same_weights_and_another_seed_others(
+    data: LatentData, tmp_path: Path
+) -> None:
+    stage = DensityStage(net=DensityConfig(width=8), fit=FitConfig(steps=5, batch_size=16))
+
+    def weights(name: str, seed: int) -> dict[str, Any]:
+        return train_density(data, stage, setting(tmp_path / name, seed)).module.state_dict()
+
+    one, again, other = weights("one", 3), weights("again", 3), weights("other", 4)
+    assert all(torch.equal(one[name], again[name]) for name in one)
+    assert not torch.equal(one["first.weight"], other["first.weight"])
+
+
+def test_episodes_shorter_than_the_horizon_are_named(tmp_path: Path) -> None:
+    short = recorded(rows=2, episodes=5)
+    with pytest.raises(DataError, match="horizon"):
+        train_encoder(short, torch.zeros(5, 0), ENCODER, setting(tmp_path))
