@@ -6,7 +6,7 @@ whole subtree below it at once; depths are therefore always exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,19 +16,20 @@ from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 NONE = -1
 
 
-@dataclass(frozen=True)
-class Forest:
-    """B trees of at most N nodes; the K slots from N on hold the candidates of the current batch.
+class Forest(NamedTuple):
+    """B trees of at most N nodes.
 
     Attributes:
-        latent: node states [B,N+K,Z].
-        feature: what ψ needs of each node [B,N+K,E].
+        latent: node states [B,N,Z].
+        feature: what ψ needs of each node [B,N+K,E]; the K slots from N on hold candidates.
         action: action [B,N,A] on the edge from the parent.
         parent: parent's index [B,N]; -1 at the root.
         depth: number of steps from the root [B,N].
         crowding: neighbours plus rejections [B,N]; sparse nodes have little of it.
         child, after, before: linked lists of children [B,N]: first child, siblings.
+        offer: scratch of `pick` [B,N], -1 outside of it.
         size: number of nodes [B].
+        goal: [B,Z].
         nearest: node nearest to the goal [B], and its distance [B].
     """
 
@@ -41,7 +42,9 @@ class Forest:
     child: Int32
     after: Int32
     before: Int32
+    offer: Int32
     size: Int64
+    goal: Float32
     nearest: Int64
     nearest_distance: Float32
 
@@ -56,9 +59,9 @@ def plant(
 ) -> Forest:
     """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each."""
     b, z = start.shape
-    links = [np.full((b, nodes), NONE, np.int32) for _ in range(4)]
+    links = [np.full((b, nodes), NONE, np.int32) for _ in range(5)]
     forest = Forest(
-        latent=np.zeros((b, nodes + extra, z), np.float32),
+        latent=np.zeros((b, nodes, z), np.float32),
         feature=np.zeros((b, nodes + extra, feature.shape[1]), np.float32),
         action=np.zeros((b, nodes, actions), np.float32),
         parent=links[0],
@@ -67,7 +70,9 @@ def plant(
         child=links[1],
         after=links[2],
         before=links[3],
+        offer=links[4],
         size=np.ones(b, np.int64),
+        goal=np.ascontiguousarray(goal),
         nearest=np.zeros(b, np.int64),
         nearest_distance=np.linalg.norm(start - goal, axis=1).astype(np.float32),
     )
@@ -77,205 +82,174 @@ def plant(
 
 
 @njit(cache=True, nogil=True)
-def choose(
-    crowding: Int32,
-    size: Int64,
-    nearest: Int64,
+def propose(
+    forest: Forest,
+    rows: Int64,
+    parent: Int32,
     draws: Float64,
-    shares: tuple[float, float],
-    exponent: float,
-    out: Int32,
-) -> None:
-    """Fill out [B,K] with the nodes to expand, from draws [B,K,2] in [0, 1) (Sec. 4.3, biases).
+    edge_actions: float,
+    momentum: float,
+    momentum_noise: float,
+) -> tuple[Float32, Float32]:
+    """Latents [R·K,Z] of the nodes to expand, and random actions [R,K,A] to take there.
 
-    shares = (p_uniform, p_sparse); the rest goes to the node nearest to the goal. A sparse draw
-    weighs a node by (1 + crowding)^-exponent.
+    An action is uniform, some scaled to the edge of the box; or it keeps the node's own direction.
+
+    Args:
+        forest: the trees.
+        rows: which of them [R].
+        parent: nodes to expand [R,K].
+        draws: [R,K,4+A] in [0, 1): ..., edge?, keep?, direction.
+        edge_actions, momentum: shares of actions scaled to the edge and of those kept.
+        momentum_noise: how much of the uniform action is added to a kept one.
     """
-    for b in range(out.shape[0]):
-        n = size[b]
-        cumulative = np.empty(n, np.float64)
-        total = 0.0
-        for i in range(n):
-            total += (1.0 + crowding[b, i]) ** -exponent
-            cumulative[i] = total
-        for k in range(out.shape[1]):
-            which, where = draws[b, k, 0], draws[b, k, 1]
-            if which < shares[0]:
-                out[b, k] = min(int(where * n), n - 1)
-            elif which < shares[0] + shares[1]:
-                out[b, k] = min(np.searchsorted(cumulative, where * total, side="right"), n - 1)
-            else:
-                out[b, k] = nearest[b]
+    size, latents = forest.action.shape[2], forest.latent.shape[2]
+    action = np.empty((*parent.shape, size), np.float32)
+    z = np.empty((parent.size, latents), np.float32)
+    noise, one = np.float32(momentum_noise), np.float32(1)
+    for r in range(parent.shape[0]):
+        for k in range(parent.shape[1]):
+            node = parent[r, k]
+            own, new = forest.action[rows[r], node], action[r, k]
+            z[r * parent.shape[1] + k] = forest.latent[rows[r], node]
+            reach, moved = np.float32(1e-6), False
+            for d in range(size):
+                new[d] = np.float32(2 * draws[r, k, 4 + d] - 1)
+                reach = max(reach, abs(new[d]))
+                moved |= own[d] != 0
+            if draws[r, k, 2] < edge_actions:
+                for d in range(size):
+                    new[d] /= reach
+            if moved and draws[r, k, 3] < momentum:
+                for d in range(size):
+                    new[d] = min(max(own[d] + noise * new[d], -one), one)
+    return z, action
 
 
 @njit(cache=True, nogil=True)
-def find_neighbors(
-    latent: Float32,
-    depth: Int32,
-    size: Int64,
-    capacity: int,
-    new_depth: Int32,
-    alive: Bool,
-    radius: float,
-    duplicate: float,
-    pairs: Int32,
-    gaps: Float32,
-) -> int:
-    """Write pairs (b, k, node) [P,3] of live candidates and tree nodes within `radius`.
-
-    Their squared distances go to `gaps` [P].
-
-    A candidate nearer than `duplicate` to a node that is no costlier is marked dead, without pairs.
-    Returns the number of pairs found; where that exceeds the room in `pairs`, call again with more
-    (the marks stay valid).
-    """
-    found = 0
-    room = pairs.shape[0]
-    z = latent.shape[2]
-    limit, same = radius * radius, duplicate * duplicate
-    for b in range(new_depth.shape[0]):
-        for k in range(new_depth.shape[1]):
-            if not alive[b, k]:
-                continue
-            first = found
-            point = latent[b, capacity + k]
-            for j in range(size[b]):
-                gap = np.float32(0.0)
-                for d in range(z):
-                    step = point[d] - latent[b, j, d]
-                    gap += step * step
-                if gap <= limit:
-                    if gap < same and depth[b, j] <= new_depth[b, k]:
-                        alive[b, k] = False
-                        found = first
-                        break
-                    if found < room:
-                        pairs[found, 0] = b
-                        pairs[found, 1] = k
-                        pairs[found, 2] = j
-                        gaps[found] = gap
-                    found += 1
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _detach(b: int, i: int, parent: Int32, child: Int32, after: Int32, before: Int32) -> None:
-    left, right = before[b, i], after[b, i]
+def _detach(forest: Forest, b: int, i: int) -> None:
+    left, right = forest.before[b, i], forest.after[b, i]
     if left == NONE:
-        child[b, parent[b, i]] = right
+        forest.child[b, forest.parent[b, i]] = right
     else:
-        after[b, left] = right
+        forest.after[b, left] = right
     if right != NONE:
-        before[b, right] = left
+        forest.before[b, right] = left
 
 
 @njit(cache=True, nogil=True)
-def _attach(
-    b: int, i: int, to: int, parent: Int32, child: Int32, after: Int32, before: Int32
-) -> None:
-    head = child[b, to]
-    parent[b, i] = to
-    after[b, i] = head
-    before[b, i] = NONE
+def _attach(forest: Forest, b: int, i: int, to: int) -> None:
+    head = forest.child[b, to]
+    forest.parent[b, i] = to
+    forest.after[b, i] = head
+    forest.before[b, i] = NONE
     if head != NONE:
-        before[b, head] = i
-    child[b, to] = i
+        forest.before[b, head] = i
+    forest.child[b, to] = i
 
 
 @njit(cache=True, nogil=True)
-def _deepen(b: int, i: int, change: int, depth: Int32, child: Int32, after: Int32) -> None:
+def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
     """Add `change` to the depth of node i and of everything below it, without recursion."""
     stack = [i]
     while len(stack) > 0:
         node = stack.pop()
-        depth[b, node] += change
-        below = child[b, node]
+        forest.depth[b, node] += change
+        below = forest.child[b, node]
         while below != NONE:
             stack.append(below)
-            below = after[b, below]
+            below = forest.after[b, below]
 
 
 @njit(cache=True, nogil=True)
 def insert(
-    latent: Float32,
-    feature: Float32,
-    action: Float32,
-    parent: Int32,
-    depth: Int32,
-    crowding: Int32,
-    child: Int32,
-    after: Int32,
-    before: Int32,
-    size: Int64,
-    alive: Bool,
-    new_parent: Int32,
-    new_action: Float32,
-    new_index: Int32,
-) -> None:
-    """Move the live candidates from their slots into the tree; new_index [B,K] says where to."""
-    capacity = parent.shape[1]
-    for b in range(alive.shape[0]):
+    forest: Forest, rows: Int64, latent: Float32, alive: Bool, parent: Int32, action: Float32
+) -> Int32:
+    """Add the live candidates to the trees of `rows` [R]; where they are now [R,K], -1 if nowhere.
+
+    Args:
+        forest: the trees; candidate k's features lie in slot N + k.
+        rows: which of them [R].
+        latent: of the candidates [R,K,Z].
+        alive: the candidates that passed [R,K].
+        parent, action: their edges [R,K], [R,K,A].
+    """
+    capacity = forest.parent.shape[1]
+    index = np.full(alive.shape, NONE, np.int32)
+    for r in range(len(rows)):
+        b = rows[r]
         for k in range(alive.shape[1]):
-            new_index[b, k] = NONE
-            if not alive[b, k] or size[b] >= capacity:
+            i = forest.size[b]
+            if not alive[r, k] or i >= capacity:
                 continue
-            i = size[b]
-            size[b] = i + 1
-            new_index[b, k] = i
-            latent[b, i] = latent[b, capacity + k]
-            feature[b, i] = feature[b, capacity + k]
-            action[b, i] = new_action[b, k]
-            depth[b, i] = depth[b, new_parent[b, k]] + 1
-            crowding[b, i] = 0
-            child[b, i] = NONE
-            _attach(b, i, new_parent[b, k], parent, child, after, before)
+            forest.size[b] = i + 1
+            index[r, k] = i
+            forest.latent[b, i] = latent[r, k]
+            forest.feature[b, i] = forest.feature[b, capacity + k]
+            forest.action[b, i] = action[r, k]
+            forest.depth[b, i] = forest.depth[b, parent[r, k]] + 1
+            _attach(forest, b, i, parent[r, k])
+            gap = np.float32(0)
+            for d in range(latent.shape[2]):
+                step = latent[r, k, d] - forest.goal[b, d]
+                gap += step * step
+            if np.sqrt(gap) < forest.nearest_distance[b]:
+                forest.nearest_distance[b] = np.sqrt(gap)
+                forest.nearest[b] = i
+    return index
+
+
+@njit(cache=True, nogil=True)
+def pick(
+    forest: Forest, row: Int32, source: Int32, target: Int32, gap: Float32, untried: Bool
+) -> Int64:
+    """For each target the cheapest untried edge that lowers its cost; of equals, the shortest.
+
+    Edges are given as (row, source, target) [P], their squared lengths as `gap` [P]. Returns the
+    chosen ones' indices, in order, and marks them as tried.
+    """
+    depth, offer = forest.depth, forest.offer
+    for e in range(len(row)):
+        b, i, j = row[e], source[e], target[e]
+        if not untried[e] or depth[b, i] + 1 >= depth[b, j]:
+            continue
+        best = offer[b, j]
+        if best == NONE or (depth[b, i], gap[e], i) < (
+            depth[b, source[best]],
+            gap[best],
+            source[best],
+        ):
+            offer[b, j] = e
+    chosen = np.empty(len(row), np.int64)
+    count = 0
+    for e in range(len(row)):
+        if untried[e] and offer[row[e], target[e]] == e:
+            offer[row[e], target[e]] = NONE
+            untried[e] = False
+            chosen[count] = e
+            count += 1
+    return chosen[:count]
 
 
 @njit(cache=True, nogil=True)
 def rewire(
-    edges: Int32,
-    edge_action: Float32,
-    action: Float32,
-    parent: Int32,
-    depth: Int32,
-    child: Int32,
-    after: Int32,
-    before: Int32,
+    forest: Forest, row: Int32, source: Int32, target: Int32, action: Float32, admissible: Bool
 ) -> int:
-    """Offer the edges (b, from, to) [P,3] in order; take each that lowers the cost of `to` now."""
+    """Offer the admissible edges (row, source, target) [P] in order, with their actions [P,A].
+
+    Each that lowers the cost of its target at that moment is taken. Returns how many were.
+    """
     taken = 0
-    for e in range(edges.shape[0]):
-        b, i, j = edges[e, 0], edges[e, 1], edges[e, 2]
-        change = depth[b, i] + 1 - depth[b, j]
-        if change < 0:
-            _detach(b, j, parent, child, after, before)
-            _attach(b, j, i, parent, child, after, before)
-            _deepen(b, j, change, depth, child, after)
-            action[b, j] = edge_action[e]
+    for e in range(len(row)):
+        b, i, j = row[e], source[e], target[e]
+        change = forest.depth[b, i] + 1 - forest.depth[b, j]
+        if admissible[e] and change < 0:
+            _detach(forest, b, j)
+            _attach(forest, b, j, i)
+            _deepen(forest, b, j, change)
+            forest.action[b, j] = action[e]
             taken += 1
     return taken
-
-
-@njit(cache=True, nogil=True)
-def update_nearest(
-    latent: Float32,
-    goal: Float32,
-    size_before: Int64,
-    size: Int64,
-    nearest: Int64,
-    nearest_distance: Float32,
-) -> None:
-    """Keep the node nearest to each goal up to date with the nodes added since `size_before`."""
-    for b in range(size.shape[0]):
-        for i in range(size_before[b], size[b]):
-            gap = np.float32(0.0)
-            for d in range(goal.shape[1]):
-                step = latent[b, i, d] - goal[b, d]
-                gap += step * step
-            distance = np.sqrt(gap)
-            if distance < nearest_distance[b]:
-                nearest_distance[b] = distance
-                nearest[b] = i
 
 
 def path_to(forest: Forest, b: int, node: int) -> list[int]:

@@ -28,7 +28,8 @@ def test_nce_against_equations_1_and_2_term_by_term() -> None:
     share = model / (model + ratio * noise)  # Eq. 1
     data, other = np.log(share[:2]).mean(), np.log(1 - share[2:]).mean()
     expected = -(data + ratio * other)  # Eq. 2
-    loss = nce_loss(*map(torch.from_numpy, (log_model, log_noise, is_data)), noise_ratio=ratio)
+    model_nats, noise_nats = torch.from_numpy(log_model), torch.from_numpy(log_noise)
+    loss = nce_loss(model_nats, noise_nats, torch.from_numpy(is_data), ratio)
     assert loss.item() == pytest.approx(expected, abs=1e-12)
 
 

@@ -13,7 +13,7 @@ from toy import REACH, only
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.cem import CemConfig, CemPlanner
 
-SMALL = {"horizon": 10, "num_samples": 60, "topk": 10, "n_steps": 6}
+SMALL: dict[str, Any] = {"horizon": 10, "num_samples": 60, "topk": 10, "n_steps": 6}
 
 
 class Drift:
@@ -107,7 +107,7 @@ def test_a_warm_start_begins_with_the_actions_left() -> None:
     asked = replace(asked, goal=asked.start + 9 * (REACH + asked.context))
     perfect = np.ones((3, 9, 2), np.float32)  # shorter than the horizon
     warm = replace(asked, left=perfect)
-    narrow = {"var_scale": 0.05, "n_steps": 1, "cost": "summed"}
+    narrow: dict[str, Any] = {"var_scale": 0.05, "n_steps": 1, "cost": "summed"}
     cold = planned(asked, **narrow)
     assert (cost(planned(warm, **narrow), asked) < cost(cold, asked)).all()
     ignored = planned(warm, **narrow, warm_start=False)

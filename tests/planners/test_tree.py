@@ -37,7 +37,8 @@ def insert(forest: Forest, parent: list[int], alive: list[bool] | None = None) -
         np.ones((1, len(parent), 1), np.float32),
         new,
     )
-    return new[0]
+    inserted: Int32 = new[0]
+    return inserted
 
 
 def rewire(forest: Forest, edges: list[tuple[int, int]]) -> int:
@@ -237,7 +238,7 @@ def test_no_duplicate_radius_means_that_nothing_is_dropped() -> None:
 def test_the_nearest_node_is_kept_up_to_date() -> None:
     forest = planted()
     before = forest.size.copy()
-    forest.latent[0, 8:10] = [[3, 3], [3, 3.5]]
+    forest.latent[0, 8:10] = [[3.0, 3.0], [3.0, 3.5]]
     insert(forest, [0, 0])
     tree.update_nearest(
         forest.latent,
