@@ -18,15 +18,15 @@ from elast_cli.seeding import derived_seed
 class CemConfig(StrictModel):
     """The search. Keys follow the field's solvers; values were chosen on validation scenarios."""
 
-    horizon: int = Field(default=50, ge=1)
-    num_samples: int = Field(default=500, ge=2)
+    horizon: int = Field(default=30, ge=1)
+    num_samples: int = Field(default=1000, ge=2)
     n_steps: int = Field(default=10, ge=1)
-    topk: int = Field(default=50, ge=2)  # a single elite has no deviation
+    topk: int = Field(default=100, ge=2)  # a single elite has no deviation
     var_scale: float = Field(default=1.0, gt=0)
     min_std: float = Field(default=0.05, ge=0)
-    noise_correlation: float = Field(default=0.0, ge=0, lt=1)  # of one step's noise with the next
-    cost: Literal["terminal", "summed"] = "summed"
-    replan_every: int = Field(default=5, ge=1)
+    noise_correlation: float = Field(default=0.9, ge=0, lt=1)  # of one step's noise with the next
+    cost: Literal["terminal", "summed"] = "terminal"
+    replan_every: int = Field(default=20, ge=1)
     warm_start: bool = True  # of the mean, by the actions left of the plan before
 
     @model_validator(mode="after")
