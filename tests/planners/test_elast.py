@@ -258,8 +258,7 @@ def test_reachable_crowding_counts_who_can_come_in() -> None:
 
 def test_a_plan_is_a_path_of_the_tree_from_start_to_goal() -> None:
     query = problems(6)
-    search = grown(query, expansions=4000)
-    plan = search.best_plan()
+    world, plan = Box().at(query.context), grown(query, expansions=4000).best_plan()
     assert plan.reached.all()
     for b in range(6):
         path = plan.states[b, : plan.length[b]]
@@ -267,7 +266,7 @@ def test_a_plan_is_a_path_of_the_tree_from_start_to_goal() -> None:
         assert np.linalg.norm(path[-1] - query.goal[b]) <= RADII.goal
         z = path[0]
         for action, waypoint in zip(plan.actions[b], path[1:], strict=False):
-            z = Box().step(z[None], action[None], np.zeros(1, int))[0][0]
+            z = world.step(z[None], action[None], np.full(1, b))[0][0]
             np.testing.assert_allclose(z, waypoint, atol=plan.length[b] * LIMITS.max_round_trip)
         np.testing.assert_array_equal(
             plan.states[b, plan.length[b] - 1 :],
@@ -276,7 +275,7 @@ def test_a_plan_is_a_path_of_the_tree_from_start_to_goal() -> None:
 
 
 def test_a_plan_is_nearly_the_shortest_where_the_way_is_free() -> None:
-    query = problems(6)
+    query = replace(problems(6), context=np.zeros((6, 1), np.float32))
     plan = grown(query, Box(wall=False), expansions=4000).best_plan()
     straight = np.ceil((np.abs(query.goal - query.start).max(1) - RADII.goal) / REACH)
     assert plan.reached.all()

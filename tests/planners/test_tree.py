@@ -164,13 +164,15 @@ def test_the_largest_draw_still_chooses_a_node_of_the_tree() -> None:
 
 
 @settings(deadline=None, max_examples=40)
-@given(st.integers(0, 2**32 - 1), st.floats(0.05, 1), st.floats(0, 0.3), st.integers(1, 30))
+@given(st.integers(0, 2**32 - 1), st.integers(5, 99), st.integers(0, 30), st.integers(1, 30))
 def test_neighbors_are_those_that_brute_force_finds(
-    seed: int, radius: float, duplicate: float, room: int
+    seed: int, hundredths: int, closer: int, room: int
 ) -> None:
+    # points on a grid, radii between its distances: no rounding decides
+    radius, same = (hundredths + 0.5) / 100, (min(closer, hundredths) + 0.5) / 100
     rng = np.random.default_rng(seed)
     b, n, k = 2, 20, 5
-    latent = rng.random((b, n + k, 2), dtype=np.float32)
+    latent = rng.random((b, n + k, 2), dtype=np.float32).round(2)
     depth = rng.integers(5, size=(b, n)).astype(np.int32)
     new_depth = rng.integers(5, size=(b, k)).astype(np.int32)
     size = rng.integers(1, n, size=b)
@@ -179,14 +181,14 @@ def test_neighbors_are_those_that_brute_force_finds(
     for row, slot in zip(*np.nonzero(alive), strict=True):
         offset = latent[row, n + slot] - latent[row, : size[row]]
         gap = offset[:, 0] ** 2 + offset[:, 1] ** 2
-        if ((gap < duplicate**2) & (depth[row, : size[row]] <= new_depth[row, slot])).any():
+        if ((gap < same**2) & (depth[row, : size[row]] <= new_depth[row, slot])).any():
             dead[row, slot] = True
         else:
             expected += [(row, slot, j) for j in np.flatnonzero(gap <= radius**2)]
     while True:
         pairs, gaps = np.empty((room, 3), np.int32), np.empty(room, np.float32)
         found = tree.find_neighbors(
-            latent, depth, size, n, new_depth, alive, radius, min(duplicate, radius), pairs, gaps
+            latent, depth, size, n, new_depth, alive, radius, same, pairs, gaps
         )
         if found <= room:
             break

@@ -11,12 +11,14 @@ from elast_cli.shapes import Bool, Float32, Int64
 
 REACH = 0.15  # of one step along each axis
 DOOR = 0.15  # half the width of the door in the wall
+WIND = 0.03  # how far a context of 1 moves the point up in every step
 IMPOSSIBLE = -100.0
 
 
 @dataclass
 class Box:
-    """z in [-1, 1]²; z' = z + REACH·a + (stream, 0). A wall at x = 0 has a door at y = context.
+    """z in [-1, 1]²; z' = z + REACH·a + (stream, WIND·context). A wall at x = 0 has a door at
+    y = context.
 
     ψ knows exactly which steps are possible. The variance is how far z' leaves the box along x,
     the distance to the support how far it leaves it along y. Where `stream` exceeds REACH nothing
@@ -34,8 +36,12 @@ class Box:
     def at(self, context: Float32) -> Box:
         return replace(self, context=context)
 
+    def drift(self, context: Float32) -> Float32:
+        """What a step adds by itself [M,2], in contexts [M]."""
+        return np.stack([np.full_like(context, self.stream), np.float32(WIND) * context], axis=1)
+
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        z_next = z + np.float32(REACH) * action + np.array([self.stream, 0], np.float32)
+        z_next = z + np.float32(REACH) * action + self.drift(self.context[row, 0])
         return z_next, (np.abs(z_next[:, 0]) - 1).clip(0).astype(np.float32)
 
     def features(self, z: Float32, row: Int64) -> Float32:
@@ -47,7 +53,7 @@ class Box:
 
     def possible(self, z: Float32, to: Float32) -> Bool:
         """Whether one action leads from z [M,2] to `to` [M,3], its features, past the wall."""
-        step = to[:, :2] - z - np.array([self.stream, 0], np.float32)
+        step = to[:, :2] - z - self.drift(to[:, 2])
         near: Bool = (np.abs(step) <= REACH + 1e-5).all(1)
         if not self.wall:
             return near
@@ -63,8 +69,8 @@ class Box:
         return distance
 
     def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
-        drift = np.array([self.stream, 0], np.float32)
-        action = ((z_next - z - drift) / np.float32(REACH)).clip(-1, 1)
+        step = z_next - z - self.drift(self.context[row, 0])
+        action = (step / np.float32(REACH)).clip(-1, 1)
         miss = self.step(z, action, row)[0] - z_next
         return action, np.sqrt(miss[:, 0] ** 2 + miss[:, 1] ** 2)
 
