@@ -43,7 +43,7 @@ def train(
     progress: Any = None,
 ) -> list[dict[str, float]]:
     """Learn the sum of two numbers; call `end` (a kill) instead of drawing batch `die_at`."""
-    drawn = 0
+    drawn, seen = 0, set()
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, Mapping[str, Tensor]]:
         nonlocal drawn
@@ -51,6 +51,8 @@ def train(
             end()
         drawn += 1
         x = torch.from_numpy(rng.standard_normal((config.batch_size, 2), dtype=np.float32))
+        assert float(x[0, 0]) not in seen  # every step has a batch of its own
+        seen.add(float(x[0, 0]))
         error = (net(x)[:, 0] - x.sum(1)).square().mean()
         return error, {"mse": error}
 
