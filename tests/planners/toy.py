@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elast_cli.planners.base import Query
-from elast_cli.shapes import Bool, Float32, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 REACH = 0.15  # of one step along each axis
 DOOR = 0.15  # half the width of the door in the wall
@@ -32,6 +32,7 @@ class Box:
     action_size: int = 2
     feature_size: int = 3
     members: int = 1
+    axes: Float64 = field(default_factory=lambda: np.eye(2))
 
     def at(self, context: Float32) -> Box:
         return replace(self, context=context)
@@ -67,6 +68,10 @@ class Box:
     def support_distance(self, z: Float32) -> Float32:
         distance: Float32 = (np.abs(z[:, 1]) - 1).clip(0)
         return distance
+
+    def supported(self, z: Float32, limit: float) -> Bool:
+        near: Bool = self.support_distance(z) <= limit
+        return near
 
     def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
         step = z_next - z - self.drift(self.context[row, 0])
