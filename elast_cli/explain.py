@@ -56,17 +56,26 @@ def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv
         "seconds": seconds,
         "nodes": size,
         "expansions": config.expansions,
-        "repeatable": True,
+        "repeatable": config.time_budget is None,
         "transitions": int(search.tally.transitions[0]),
         "density_calls": int(search.tally.density[0]),
         "policy_calls": int(search.tally.policy[0]),
         "limits": _finite(asdict(planner.limits)),
         "radii": _finite(asdict(planner.radii)),
-        "goal": _goal(search, planner.limits.max_support_distance),
+        "goal": _goal(models, search),
         "path": [*_path(models, search, path, nearest, env)],
     }
     rows = models.ensemble.support.rows.cpu().numpy()[nearest]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
+
+
+def _support_distance(models: Models, latents: Float32) -> Float32:
+    """Distance of each latent [T,Z] to the nearest encoded training state."""
+    import torch
+
+    support = models.ensemble.support
+    found: Float32 = support.distance(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
+    return found
 
 
 def _nearest(models: Models, latents: Float32) -> Int64:
@@ -78,12 +87,12 @@ def _nearest(models: Models, latents: Float32) -> Int64:
     return found
 
 
-def _goal(search: Search, most: float) -> JsonDict:
+def _goal(models: Models, search: Search) -> JsonDict:
     """How well the data cover the goal, and how near the tree came to it."""
-    distance = float(search.world.support_distance(search.query.goal)[0])
+    distance = float(_support_distance(models, search.query.goal)[0])
     return {
         "support_distance": distance,
-        "supported": bool(distance <= most),
+        "supported": bool(distance <= search.limits.max_support_distance),
         "nearest_node_distance": float(search.forest.nearest_distance[0]),
     }
 
@@ -103,7 +112,7 @@ def _path(
     landed, variance = world.step(latent[:-1], action[1:], row[1:])
     _, round_trip = world.connect(latent[:-1], latent[1:], row[1:])
     prediction = np.linalg.norm(landed - latent[1:], axis=1)
-    support = world.support_distance(latent)
+    support = _support_distance(models, latent)
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)
     entries: list[JsonDict] = []
     for i in range(len(path)):

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from elast_cli.shapes import Bool, Float32, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class Plan:
         transitions: latent transitions predicted by one network [B] (m for an ensemble of m).
         density_calls: evaluations of ψ [B].
         policy_calls: evaluations of π [B].
+        repeatable: whether the same query always gives this plan; a time budget makes it not so.
     """
 
     states: Float32
@@ -50,6 +51,7 @@ class Plan:
     transitions: Int64
     density_calls: Int64
     policy_calls: Int64
+    repeatable: bool = True
 
 
 class Planner(Protocol):
@@ -64,13 +66,15 @@ class World(Protocol):
     """The learned world as functions on float32 arrays; `row` [M] is each item's scenario.
 
     Every function treats its M items independently: an item's result does not depend on the
-    others, to the bit.
+    others, to the bit. `axes` [Z,D] are orthonormal directions along which states spread the
+    most, for the neighbour search.
     """
 
     latent_size: int
     action_size: int
     feature_size: int
     members: int
+    axes: Float64
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
         """Next latent [M,Z] of H_f and its variance [M]."""
@@ -84,8 +88,8 @@ class World(Protocol):
         """ln p(target | source) [P] for index pairs into a table of features [N,E]."""
         ...
 
-    def support_distance(self, z: Float32) -> Float32:
-        """Distance [M] to the nearest encoded training state; only its order to a limit counts."""
+    def supported(self, z: Float32, limit: float) -> Bool:
+        """Whether an encoded training state lies within `limit` of each latent: [M]."""
         ...
 
     def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:

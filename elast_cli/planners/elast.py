@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from elast_cli import cells
 from elast_cli.config import StrictModel
-from elast_cli.planners import tree
+from elast_cli.planners import sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.tree import Forest
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
+CELLS_PER_RADIUS = 3  # of r_neigh, in the neighbour search
+
 
 class TreeConfig(StrictModel):
-    """The search. The three p are the paper's; what it does not state is ours: docs/method.md."""
+    """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
+
+    `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
+    trees; which plan it leaves depends on the machine.
+    """
 
     expansions: int = Field(default=12_000, ge=1)
+    max_nodes: int | None = Field(default=None, ge=1)
+    time_budget: float | None = Field(default=None, gt=0)
     batch_min: int = Field(default=8, ge=1)
     batch_max: int = Field(default=32, ge=1)
     batch_share: float = Field(default=1 / 64, ge=0, le=1)
@@ -89,18 +99,24 @@ class Search:
         self.world, self.config = planner.world(query.context), planner.config
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
-        scenarios = len(query.start)
+        config, scenarios = self.config, len(query.start)
+        nodes = min(config.max_nodes or config.expansions + 1, config.expansions + 1)
         self.tally = Tally.zero(scenarios)
         self.draws = self._draw(scenarios)
         self.forest = tree.plant(
             query.start,
             self.world.features(query.start, np.arange(scenarios)),
             query.goal,
-            nodes=self.config.expansions + 1,
-            extra=self.config.batch_max,
+            nodes=nodes,
+            extra=config.batch_max,
             actions=self.world.action_size,
         )
-        self.pairs: Int32 = np.empty((1 << 14, 3), np.int32)
+        self.cells = cells.empty_cells(
+            scenarios, nodes, axes=self.world.axes, side=self.radii.neighbor / CELLS_PER_RADIUS
+        )
+        self.sums = sampling.no_weights(scenarios, nodes)
+        self._admit(np.zeros(scenarios, np.int64))
+        self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
 
@@ -111,12 +127,17 @@ class Search:
         return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
     def run(self) -> None:
-        """Spend the whole budget of expansions."""
-        while self.done < self.config.expansions:
-            self.expand()
+        """Spend the budget of expansions, or of time."""
+        seconds = self.config.time_budget or np.inf
+        began = time.monotonic()
+        while self.done < self.config.expansions and time.monotonic() - began < seconds:
+            rows = np.flatnonzero(self.forest.size < self.forest.capacity)
+            if not len(rows):
+                break
+            self.expand(rows)
 
-    def expand(self) -> None:
-        """One batch: select, step, test, insert, rewire.
+    def expand(self, rows: Int64) -> None:
+        """One batch in the trees of `rows` [R]: select, step, test, insert, rewire.
 
         The batch grows with the number of expansions done, since a tree can deepen by no more
         than one step a batch: small batches first, to get deep, then large ones, to be fast.
@@ -124,203 +145,150 @@ class Search:
         config = self.config
         size = int(np.clip(self.done * config.batch_share, config.batch_min, config.batch_max))
         size = min(size, config.expansions - self.done)
-        draws = self.draws[:, self.done : self.done + size]
+        draws = self.draws[rows, self.done : self.done + size]
         self.done += size
-        batch = self._propose(draws)
-        alive = self._admissible(batch)
-        pairs, near = self._neighbors(batch, alive)
-        self._insert(batch, alive, pairs, near)
+        batch = self._propose(rows, draws)
+        self._test(batch)
+        self._insert(batch)
 
-    def _propose(self, draws: Float64) -> Batch:
+    def _propose(self, rows: Int64, draws: Float64) -> Batch:
         """Choose nodes to expand and actions, and predict where they lead (Fig. 4 a, b)."""
         config, forest = self.config, self.forest
-        scenarios, size = draws.shape[:2]
-        parent = np.empty((scenarios, size), np.int32)
-        tree.choose(
-            forest.crowding,
-            forest.size,
-            forest.nearest,
-            draws,
-            (config.p_uniform, config.p_sparse),
-            config.sparse_exponent,
+        shares = (config.p_uniform, config.p_sparse)
+        parent = sampling.choose(self.sums, rows, forest.size, forest.nearest, draws, shares)
+        z, action = tree.propose(
+            forest,
+            rows,
             parent,
+            draws,
+            config.edge_actions,
+            config.momentum,
+            config.momentum_noise,
         )
-        row = np.repeat(np.arange(scenarios), size)
-        action = self._actions(draws, forest.action[row, parent.ravel()].reshape(*parent.shape, -1))
-        z = forest.latent[row, parent.ravel()]
-        z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
-        self.tally.transitions += size * self.world.members
-        slots = slice(forest.capacity, forest.capacity + size)
-        forest.latent[:, slots] = z_new.reshape(scenarios, size, -1)
-        features = self.world.features(z_new, row)
-        forest.feature[:, slots] = features.reshape(scenarios, size, -1)
-        return Batch(parent, action, variance.reshape(scenarios, size), row)
+        flat = np.repeat(rows, parent.shape[1])
+        z_new, variance = self.world.step(z, action.reshape(len(flat), -1), flat)
+        self.tally.transitions[rows] += parent.shape[1] * self.world.members
+        alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
+        shape = parent.shape
+        return Batch(rows, parent, action, z_new.reshape(*shape, -1), alive.reshape(shape))
 
-    def _actions(self, draws: Float64, inherited: Float32) -> Float32:
-        """Random actions [B,K,A]: uniform, or the parent's own with noise; some scaled to the edge.
-
-        Args:
-            draws: [B,K,4+A] in [0, 1): ..., edge?, keep?, direction.
-            inherited: action [B,K,A] on the edge into the node that is expanded; 0 at the root.
-        """
-        config = self.config
-        uniform = (2 * draws[..., 4:] - 1).astype(np.float32)
-        reach = np.abs(uniform).max(-1, keepdims=True).clip(1e-6)
-        uniform = np.where(draws[..., 2:3] < config.edge_actions, uniform / reach, uniform)
-        kept = (inherited + config.momentum_noise * uniform).clip(-1, 1)
-        keep = (draws[..., 3:4] < config.momentum) & (inherited != 0).any(-1, keepdims=True)
-        return np.where(keep, kept, uniform).astype(np.float32)
-
-    def _index(self, row: Int64 | Int32, node: Int64 | Int32) -> Int64:
-        """Flat index of nodes into the feature table."""
-        index: Int64 = row.astype(np.int64) * self.forest.feature.shape[1] + node
-        return index
-
-    def _log_density(self, row: Int64, source: Int64 | Int32, target: Int64 | Int32) -> Float32:
-        table = self.forest.feature.reshape(-1, self.forest.feature.shape[2])
-        self.tally.density += np.bincount(row, minlength=len(self.tally.density))
-        return self.world.log_density(table, self._index(row, source), self._index(row, target))
-
-    def _admissible(self, batch: Batch) -> Bool:
-        """Tests of the new transitions: finite, certain, likely, and within the data's support."""
-        forest, limits = self.forest, self.limits
-        scenarios, size = batch.parent.shape
-        slots = np.tile(np.arange(size), scenarios) + forest.capacity
-        z_new = forest.latent[batch.row, slots]
-        alive = np.isfinite(z_new).all(-1) & (batch.variance.ravel() <= limits.max_variance)
-        if limits.min_log_density > -np.inf:
-            left = np.flatnonzero(alive)
-            row = batch.row[left]
-            log_density = self._log_density(row, batch.parent.ravel()[left], slots[left])
-            alive[left] = log_density >= limits.min_log_density
+    def _test(self, batch: Batch) -> None:
+        """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
+        forest, limits, alive = self.forest, self.limits, batch.alive
+        rows = batch.rows[:, None]
+        depth = forest.depth[rows, batch.parent] + 1
+        cells.drop_copies(
+            self.cells,
+            forest.latent,
+            batch.rows,
+            batch.latent,
+            alive,
+            self.radii.duplicate,
+            forest.depth,
+            depth,
+        )
         if limits.max_support_distance < np.inf:
-            left = np.flatnonzero(alive)
-            distance = self.world.support_distance(z_new[left])
-            alive[left] = distance <= limits.max_support_distance
-        return alive.reshape(scenarios, size)
+            alive[alive] = self.world.supported(batch.latent[alive], limits.max_support_distance)
+        r, k = np.nonzero(alive)
+        row, slot = batch.rows[r], k + forest.capacity
+        forest.feature[row, slot] = self.world.features(batch.latent[r, k], row)
+        if limits.min_log_density > -np.inf:
+            alive[r, k] = self._likely(row, batch.parent[r, k], slot)
 
-    def _neighbors(self, batch: Batch, alive: Bool) -> tuple[Int32, Bool]:
-        """Pairs (b, k, node) [P,3] within r_neigh, and which crowd each other [P].
+    def _likely(self, row: Int64 | Int32, source: Int64 | Int32, target: Int64 | Int32) -> Bool:
+        """Whether ψ finds the edges likely [P]."""
+        width = self.forest.feature.shape[1]
+        table = self.forest.feature.reshape(-1, self.forest.feature.shape[2])
+        start = row.astype(np.int64) * width
+        log_density = self.world.log_density(table, start + source, start + target)
+        self.tally.density += np.bincount(row, minlength=len(self.tally.density))
+        likely: Bool = log_density >= self.limits.min_log_density
+        return likely
 
-        Duplicates are marked dead on the way.
-        """
-        forest = self.forest
-        new_depth = np.take_along_axis(forest.depth, batch.parent.astype(np.int64), 1) + 1
+    def _insert(self, batch: Batch) -> None:
+        """Add the candidates that passed, then rewire around them (Fig. 4 c-f)."""
+        forest, config = self.forest, self.config
+        pairs, gaps = self._pairs(batch)
+        before = forest.size.copy()
+        new = np.full((len(before), batch.parent.shape[1]), tree.NONE, np.int32)
+        new[batch.rows] = tree.insert(
+            forest, batch.rows, batch.latent, batch.alive, batch.parent, batch.action
+        )
+        self._admit(before)
+        row, candidate, node = pairs
+        added = new[row, candidate]
+        inside = added != tree.NONE
+        if not inside.all():
+            row, node, added, gaps = row[inside], node[inside], added[inside], gaps[inside]
+        if config.count_rejections:
+            r, k = np.nonzero(~batch.alive)
+            self._crowd(batch.rows[r], batch.parent[r, k])
+        into, out_of = self._count_neighbors(row, added, node, gaps <= self.radii.crowding**2)
+        if config.rewire:
+            self._offer(row, node, added, gaps, into)
+            self._offer(row, added, node, gaps, out_of)
+
+    def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
+        """Pairs (row, k, node) [3,P] of live candidates and nodes within r_neigh; squared gaps."""
         while True:
-            found = tree.find_neighbors(
-                forest.latent,
-                forest.depth,
-                forest.size,
-                forest.capacity,
-                new_depth.astype(np.int32),
-                alive,
+            found = cells.find_pairs(
+                self.cells,
+                self.forest.latent,
+                batch.rows,
+                batch.latent,
+                batch.alive,
                 self.radii.neighbor,
-                self.radii.duplicate,
                 self.pairs,
                 self.gaps,
             )
-            if found <= len(self.pairs):
-                return self.pairs[:found], self.gaps[:found] <= self.radii.crowding**2
-            self.pairs = np.empty((2 * found, 3), np.int32)
+            if found <= len(self.gaps):
+                return self.pairs[:, :found], self.gaps[:found]
+            self.pairs = np.empty((3, 2 * found), np.int32)
             self.gaps = np.empty(2 * found, np.float32)
 
-    def _insert(self, batch: Batch, alive: Bool, pairs: Int32, near: Bool) -> None:
-        """Add the candidates that passed, then rewire around them (Fig. 4 c-f)."""
-        forest, config = self.forest, self.config
-        before = forest.size.copy()
-        new = np.empty(alive.shape, np.int32)
-        tree.insert(
-            forest.latent,
-            forest.feature,
-            forest.action,
-            forest.parent,
-            forest.depth,
-            forest.crowding,
-            forest.child,
-            forest.after,
-            forest.before,
-            forest.size,
-            alive,
-            batch.parent,
-            batch.action,
-            new,
-        )
-        row, node = pairs[:, 0], pairs[:, 2]
-        added = new[row, pairs[:, 1]]
-        if config.count_rejections:
-            np.add.at(forest.crowding, (batch.row, batch.parent.ravel()), ~alive.ravel())
-        into, out_of = self._count_neighbors(row, added, node, near)
-        if config.rewire:
-            self._offer(row, node, added, into)
-            self._offer(row, added, node, out_of)
-        tree.update_nearest(
-            forest.latent,
-            self.query.goal,
-            before,
-            forest.size,
-            forest.nearest,
-            forest.nearest_distance,
-        )
+    def _admit(self, before: Int64) -> None:
+        """Let the nodes added since sizes were `before` [B] be found and drawn."""
+        cells.add(self.cells, self.forest.latent, before, self.forest.size)
+        sampling.admit(self.sums, before, self.forest.size)
+
+    def _crowd(self, row: Int64 | Int32, node: Int32) -> None:
+        exponent = self.config.sparse_exponent
+        sampling.crowd(self.sums, self.forest.crowding, row, node, exponent)
 
     def _count_neighbors(
         self, row: Int32, added: Int32, node: Int32, near: Bool
     ) -> tuple[Bool | None, Bool | None]:
         """Update crowding; where ψ decides it, return which pairs are likely in each direction."""
-        forest = self.forest
         if self.config.crowding == "near" or self.limits.min_log_density == -np.inf:
-            np.add.at(forest.crowding, (row[near], node[near]), 1)
-            np.add.at(forest.crowding, (row[near], added[near]), 1)
+            self._crowd(row[near], node[near])
+            self._crowd(row[near], added[near])
             return None, None
-        wide = row.astype(np.int64)
-        into = self._log_density(wide, node, added) >= self.limits.min_log_density
-        out_of = self._log_density(wide, added, node) >= self.limits.min_log_density
-        np.add.at(forest.crowding, (row, node), into & near)
-        np.add.at(forest.crowding, (row, added), out_of & near)
+        into = self._likely(row, node, added)
+        out_of = self._likely(row, added, node)
+        self._crowd(row[into & near], node[into & near])
+        self._crowd(row[out_of & near], added[out_of & near])
         return into, out_of
 
-    def _offer(self, row: Int32, source: Int32, target: Int32, likely: Bool | None) -> None:
-        """Test the edges that would lower a cost, and take those that pass and still do."""
-        forest = self.forest
-        keep = forest.depth[row, source] + 1 < forest.depth[row, target]
-        if likely is not None:
-            keep &= likely
-        row, source, target = row[keep], source[keep], target[keep]
-        if likely is None and self.limits.min_log_density > -np.inf and len(row):
-            log_density = self._log_density(row.astype(np.int64), source, target)
-            keep = log_density >= self.limits.min_log_density
-            row, source, target = row[keep], source[keep], target[keep]
-        order, keep = self._cheapest(row, source, target)
-        row, source, target = row[order][keep], source[order][keep], target[order][keep]
-        if not len(row):
-            return
-        action, keep = self._connect(row, source, target)
-        edges = np.stack([row, source, target], 1)[keep]
-        tree.rewire(
-            edges,
-            action[keep],
-            forest.action,
-            forest.parent,
-            forest.depth,
-            forest.child,
-            forest.after,
-            forest.before,
-        )
-
-    def _cheapest(self, row: Int32, source: Int32, target: Int32) -> tuple[Int64, Bool]:
-        """Order edges by target, then cost; keep each target's few cheapest."""
-        depth = self.forest.depth[row, source]
-        order = np.lexsort((source, depth, target, row))
-        same = np.zeros(len(order), bool)
-        same[1:] = (np.diff(target[order]) == 0) & (np.diff(row[order]) == 0)
-        start = np.maximum.accumulate(np.where(same, 0, np.arange(len(order))))
-        return order, np.arange(len(order)) - start < self.config.connect_candidates
+    def _offer(
+        self, row: Int32, source: Int32, target: Int32, gap: Float32, likely: Bool | None
+    ) -> None:
+        """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first."""
+        untried = np.ones(len(row), np.bool_) if likely is None else likely.copy()
+        test = likely is None and self.limits.min_log_density > -np.inf
+        for _ in range(self.config.connect_candidates):
+            chosen = tree.pick(self.forest, row, source, target, gap, untried)
+            if test and len(chosen):
+                passed = self._likely(row[chosen], source[chosen], target[chosen])
+                chosen = chosen[passed]
+            elif not len(chosen):
+                return
+            edges = row[chosen], source[chosen], target[chosen]
+            tree.rewire(self.forest, *edges, *self._connect(*edges))
 
     def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
         """π's action along each edge [P,A], and whether it lands near enough (round trip)."""
-        forest, wide = self.forest, row.astype(np.int64)
-        action, miss = self.world.connect(
-            forest.latent[row, source], forest.latent[row, target], wide
-        )
+        latent, wide = self.forest.latent, row.astype(np.int64)
+        action, miss = self.world.connect(latent[row, source], latent[row, target], wide)
         calls = np.bincount(wide, minlength=len(self.tally.policy))
         self.tally.policy += calls
         if self.limits.max_round_trip < np.inf:
@@ -359,17 +327,27 @@ class Search:
             transitions=self.tally.transitions,
             density_calls=self.tally.density,
             policy_calls=self.tally.policy,
+            repeatable=self.config.time_budget is None,
         )
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Candidates of one expansion: parent [B,K], action [B,K,A], variance [B,K], row [B·K]."""
+    """Candidates of one expansion in the trees `rows` [R].
 
+    Attributes:
+        rows: [R].
+        parent: node each comes from [R,K].
+        action: [R,K,A].
+        latent: where it leads [R,K,Z].
+        alive: whether it has passed all tests so far [R,K].
+    """
+
+    rows: Int64
     parent: Int32
     action: Float32
-    variance: Float32
-    row: Int64
+    latent: Float32
+    alive: Bool
 
 
 __all__ = ["ElastPlanner", "Forest", "Search", "TreeConfig"]

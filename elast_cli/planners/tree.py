@@ -100,7 +100,8 @@ def propose(
         rows: which of them [R].
         parent: nodes to expand [R,K].
         draws: [R,K,4+A] in [0, 1): ..., edge?, keep?, direction.
-        edge_actions, momentum: shares of actions scaled to the edge and of those kept.
+        edge_actions: share of actions scaled to the edge.
+        momentum: share of directions kept.
         momentum_noise: how much of the uniform action is added to a kept one.
     """
     size, latents = forest.action.shape[2], forest.latent.shape[2]
@@ -172,7 +173,8 @@ def insert(
         rows: which of them [R].
         latent: of the candidates [R,K,Z].
         alive: the candidates that passed [R,K].
-        parent, action: their edges [R,K], [R,K,A].
+        parent: the nodes they come from [R,K].
+        action: on the edges from there [R,K,A].
     """
     capacity = forest.parent.shape[1]
     index = np.full(alive.shape, NONE, np.int32)

@@ -99,7 +99,7 @@ def test_every_edge_passes_every_test(seed: int, config: dict[str, Any], world: 
         landed, variance = world.step(z, search.forest.action[b, target], np.full(len(source), b))
         assert (np.abs(landed - z_next) <= LIMITS.max_round_trip).all()
         assert (variance <= 2 * LIMITS.max_variance).all()  # the round trip moves it a little
-        assert (world.support_distance(z_next) <= LIMITS.max_support_distance).all()
+        assert world.supported(z_next, LIMITS.max_support_distance).all()
         assert (np.abs(search.forest.action[b]) <= 1).all()
 
 
@@ -208,7 +208,7 @@ def test_batches_grow_with_the_tree_between_their_bounds() -> None:
     search, sizes = Search(planner, problems(1)), []
     while search.done < 400:
         before = search.done
-        search.expand()
+        search.expand(np.arange(1))
         sizes.append(search.done - before)
     assert sizes[0] == 4
     assert max(sizes) == 20

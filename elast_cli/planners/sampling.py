@@ -1,0 +1,91 @@
+"""Drawing nodes in proportion to weights that keep changing: a binary tree of sums for each row."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from elast_cli.shapes import Float64, Int32, Int64
+
+
+def no_weights(rows: int, nodes: int) -> Float64:
+    """Sums [B,2L] over trees of L ≥ `nodes` leaves: node i adds up 2i and 2i+1, the root is 1."""
+    leaves = 1 << max(1, int(nodes - 1).bit_length())
+    return np.zeros((rows, 2 * leaves))
+
+
+@njit(cache=True, nogil=True)
+def set_weight(sums: Float64, i: int, weight: float) -> None:
+    """Give leaf i of one row's sums [2L] a weight.
+
+    Sums are added up anew and never corrected, so they depend on the weights alone and not on
+    their history.
+    """
+    at = len(sums) // 2 + i
+    sums[at] = weight
+    while at > 1:
+        at //= 2
+        sums[at] = sums[2 * at] + sums[2 * at + 1]
+
+
+@njit(cache=True, nogil=True)
+def draw(sums: Float64, where: float) -> int:
+    """The leaf at a share `where` in [0, 1) of the total weight."""
+    at, rest = 1, where * sums[1]
+    while at < len(sums) // 2:
+        at *= 2
+        if rest >= sums[at] and sums[at + 1] > 0:
+            rest -= sums[at]
+            at += 1
+    return at - len(sums) // 2
+
+
+@njit(cache=True, nogil=True)
+def choose(
+    sums: Float64,
+    rows: Int64,
+    size: Int64,
+    nearest: Int64,
+    draws: Float64,
+    shares: tuple[float, float],
+) -> Int32:
+    """The nodes to expand [R,K], from draws [R,K,≥2] in [0, 1) (Sec. 4.3, biases).
+
+    shares = (p_uniform, p_sparse): a uniform draw takes any of the `size` nodes [B], a sparse one
+    goes by the weights; the rest goes to the node nearest to the goal [B].
+    """
+    out = np.empty((draws.shape[0], draws.shape[1]), np.int32)
+    for r in range(len(rows)):
+        b = rows[r]
+        for k in range(out.shape[1]):
+            which, where = draws[r, k, 0], draws[r, k, 1]
+            if which < shares[0]:
+                out[r, k] = min(int(where * size[b]), size[b] - 1)
+            elif which < shares[0] + shares[1]:
+                out[r, k] = draw(sums[b], where)
+            else:
+                out[r, k] = nearest[b]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def admit(sums: Float64, first: Int64, last: Int64) -> None:
+    """Let nodes first[b] up to last[b] of each row in, which nothing crowds yet."""
+    for b in range(len(first)):
+        for i in range(first[b], last[b]):
+            set_weight(sums[b], i, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def crowd(
+    sums: Float64,
+    crowding: Int32,
+    row: Int64 | Int32,
+    node: Int32,
+    exponent: float,
+) -> None:
+    """Count one more at each of the nodes (row, node) [M]; they weigh (1 + crowding)^-exponent."""
+    for m in range(len(row)):
+        b, i = row[m], node[m]
+        crowding[b, i] += 1
+        set_weight(sums[b], i, (1.0 + crowding[b, i]) ** -exponent)

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elast_cli.planners import sampling
+from elast_cli.shapes import Float64, Int32
+
+ROWS = np.zeros(1, np.int64)
+
+
+def sums_of(crowding: list[int], exponent: float) -> Float64:
+    """Sums over one row whose nodes are crowded so."""
+    sums = sampling.no_weights(1, len(crowding) + 1)  # one node more than the tree has
+    sampling.admit(sums, np.array([0]), np.array([len(crowding)]))
+    node = np.repeat(np.arange(len(crowding), dtype=np.int32), crowding)
+    counts = np.zeros((1, len(crowding)), np.int32)
+    sampling.crowd(sums, counts, np.zeros_like(node), node, exponent)
+    assert counts[0].tolist() == crowding
+    return sums
+
+
+def choose(sums: Float64, size: int, draws: Float64, shares: tuple[float, float]) -> Int32:
+    """Nodes of one row [K]; the node nearest to the goal is node 2."""
+    chosen: Int32 = sampling.choose(sums, ROWS, np.array([size]), np.array([2]), draws, shares)[0]
+    return chosen
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 3.0])
+def test_nodes_are_chosen_as_often_as_the_biases_say(exponent: float) -> None:
+    crowding = np.array([0, 1, 3, 0])
+    sums = sums_of(crowding.tolist(), exponent)
+    draws = np.random.default_rng(0).random((1, 200_000, 2))
+    chosen = choose(sums, 4, draws, (0.2, 0.5))
+    weight = (1.0 + crowding) ** -exponent
+    expected = 0.2 / 4 + 0.5 * weight / weight.sum() + 0.3 * (np.arange(4) == 2)
+    share = np.bincount(chosen, minlength=4) / chosen.size
+    np.testing.assert_allclose(share, expected, atol=4 * np.sqrt(0.25 / chosen.size))
+
+
+def test_the_largest_draw_still_chooses_a_node_of_the_tree() -> None:
+    top = np.nextafter(1.0, 0)
+    draws = np.array([[[0.0, top], [0.5, top], [top, top]]])
+    assert choose(sums_of([7, 7, 7], 3.0), 3, draws, (0.3, 0.4)).tolist() == [2, 2, 2]
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.integers(0, 60), min_size=1, max_size=40), st.floats(0, 4))
+def test_shares_of_the_line_are_those_of_the_weights(crowding: list[int], exponent: float) -> None:
+    sums = sums_of(crowding, exponent)
+    weight = (1.0 + np.array(crowding)) ** -exponent
+    np.testing.assert_allclose(sums[0, 1], weight.sum())
+    ends = np.cumsum(weight) / weight.sum()
+    middles = ends - weight / weight.sum() / 2
+    draws = np.stack([np.zeros_like(middles), middles], -1)[None]
+    assert choose(sums, len(crowding), draws, (0.0, 1.0)).tolist() == list(range(len(crowding)))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_sums_depend_on_the_weights_and_not_on_their_history(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    node = rng.integers(9, size=50).astype(np.int32)
+    found = []
+    for order in (node, rng.permutation(node)):
+        sums = sampling.no_weights(1, 9)
+        sampling.admit(sums, np.array([0]), np.array([9]))
+        counts = np.zeros((1, 9), np.int32)
+        sampling.crowd(sums, counts, np.zeros_like(order), order, 3.0)
+        found.append(sums)
+    np.testing.assert_array_equal(found[0], found[1])
