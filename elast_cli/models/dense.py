@@ -29,6 +29,7 @@ class DenseNetwork:
         """Take the layers as weights [E,in,out] and biases [E,out]."""
         self.device = layers[0][0].device
         self.layers = [(w.detach(), b.detach()) for w, b in layers]
+        self.inputs = layers[0][0].shape[1]
         packed = [_pack(w, b, last=i + 1 == len(layers)) for i, (w, b) in enumerate(self.layers)]
         self._weights = tuple(weight for weight, _ in packed)
         self._biases = tuple(bias for _, bias in packed)

@@ -165,8 +165,8 @@ class Search:
             config.momentum,
             config.momentum_noise,
         )
-        flat = np.repeat(rows, parent.shape[1])
-        z_new, variance = self.world.step(z, action.reshape(len(flat), -1), flat)
+        row = np.repeat(rows, parent.shape[1])
+        z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
         self.tally.transitions[rows] += parent.shape[1] * self.world.members
         alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
         shape = parent.shape
@@ -175,8 +175,6 @@ class Search:
     def _test(self, batch: Batch) -> None:
         """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
         forest, limits, alive = self.forest, self.limits, batch.alive
-        rows = batch.rows[:, None]
-        depth = forest.depth[rows, batch.parent] + 1
         cells.drop_copies(
             self.cells,
             forest.latent,
@@ -185,17 +183,20 @@ class Search:
             alive,
             self.radii.duplicate,
             forest.depth,
-            depth,
+            forest.depth[batch.rows[:, None], batch.parent] + 1,
         )
-        if limits.max_support_distance < np.inf:
-            alive[alive] = self.world.supported(batch.latent[alive], limits.max_support_distance)
         r, k = np.nonzero(alive)
+        z = batch.latent[r, k]
+        if limits.max_support_distance < np.inf:
+            passed = self.world.supported(z, limits.max_support_distance)
+            alive[r, k] = passed
+            r, k, z = r[passed], k[passed], z[passed]
         row, slot = batch.rows[r], k + forest.capacity
-        forest.feature[row, slot] = self.world.features(batch.latent[r, k], row)
+        forest.feature[row, slot] = self.world.features(z, row)
         if limits.min_log_density > -np.inf:
             alive[r, k] = self._likely(row, batch.parent[r, k], slot)
 
-    def _likely(self, row: Int64 | Int32, source: Int64 | Int32, target: Int64 | Int32) -> Bool:
+    def _likely(self, row: Int64 | Int32, source: Int32, target: Int64 | Int32) -> Bool:
         """Whether ψ finds the edges likely [P]."""
         width = self.forest.feature.shape[1]
         table = self.forest.feature.reshape(-1, self.forest.feature.shape[2])
@@ -210,23 +211,20 @@ class Search:
         forest, config = self.forest, self.config
         pairs, gaps = self._pairs(batch)
         before = forest.size.copy()
-        new = np.full((len(before), batch.parent.shape[1]), tree.NONE, np.int32)
-        new[batch.rows] = tree.insert(
-            forest, batch.rows, batch.latent, batch.alive, batch.parent, batch.action
-        )
+        new = tree.insert(forest, batch.rows, batch.latent, batch.alive, batch.parent, batch.action)
         self._admit(before)
-        row, candidate, node = pairs
-        added = new[row, candidate]
-        inside = added != tree.NONE
-        if not inside.all():
-            row, node, added, gaps = row[inside], node[inside], added[inside], gaps[inside]
+        edges, gap = tree.edges_around(pairs, gaps, new)
+        likely: Bool | None = None
+        near = gap <= self.radii.crowding**2
+        if config.crowding == "reachable" and self.limits.min_log_density > -np.inf:
+            likely = self._likely(*edges)
+            near &= likely
+        self._crowd(edges[0, near], edges[1, near])
         if config.count_rejections:
             r, k = np.nonzero(~batch.alive)
-            self._crowd(batch.rows[r], batch.parent[r, k])
-        into, out_of = self._count_neighbors(row, added, node, gaps <= self.radii.crowding**2)
+            self._crowd(batch.rows[r].astype(np.int32), batch.parent[r, k])
         if config.rewire:
-            self._offer(row, node, added, gaps, into)
-            self._offer(row, added, node, gaps, out_of)
+            self._offer(edges, gap, likely)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
         """Pairs (row, k, node) [3,P] of live candidates and nodes within r_neigh; squared gaps."""
@@ -251,39 +249,36 @@ class Search:
         cells.add(self.cells, self.forest.latent, before, self.forest.size)
         sampling.admit(self.sums, before, self.forest.size)
 
-    def _crowd(self, row: Int64 | Int32, node: Int32) -> None:
+    def _crowd(self, row: Int32, node: Int32) -> None:
         exponent = self.config.sparse_exponent
         sampling.crowd(self.sums, self.forest.crowding, row, node, exponent)
 
-    def _count_neighbors(
-        self, row: Int32, added: Int32, node: Int32, near: Bool
-    ) -> tuple[Bool | None, Bool | None]:
-        """Update crowding; where ψ decides it, return which pairs are likely in each direction."""
-        if self.config.crowding == "near" or self.limits.min_log_density == -np.inf:
-            self._crowd(row[near], node[near])
-            self._crowd(row[near], added[near])
-            return None, None
-        into = self._likely(row, node, added)
-        out_of = self._likely(row, added, node)
-        self._crowd(row[into & near], node[into & near])
-        self._crowd(row[out_of & near], added[out_of & near])
-        return into, out_of
+    def _offer(self, edges: Int32, gap: Float32, likely: Bool | None) -> None:
+        """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first.
 
-    def _offer(
-        self, row: Int32, source: Int32, target: Int32, gap: Float32, likely: Bool | None
-    ) -> None:
-        """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first."""
-        untried = np.ones(len(row), np.bool_) if likely is None else likely.copy()
-        test = likely is None and self.limits.min_log_density > -np.inf
-        for _ in range(self.config.connect_candidates):
-            chosen = tree.pick(self.forest, row, source, target, gap, untried)
-            if test and len(chosen):
-                passed = self._likely(row[chosen], source[chosen], target[chosen])
-                chosen = chosen[passed]
-            elif not len(chosen):
+        New nodes settle on a parent first; from the second round on they are offered as parents.
+
+        Args:
+            edges: (row, source, target) [3,2P]: P into new nodes, then the same reversed.
+            gap: their squared lengths [2P].
+            likely: what ψ says of them [2P], if it has been asked.
+        """
+        forest, half = self.forest, len(gap) // 2
+        untried = np.ones(2 * half, np.bool_) if likely is None else likely
+        ask = likely is None and self.limits.min_log_density > -np.inf
+        reverse, untried[half:] = untried[half:].copy(), False
+        for attempt in range(1 + self.config.connect_candidates):
+            if attempt == 1:
+                untried[half:] = reverse
+            row, source, target = tree.pick(forest, edges, gap, untried)
+            if attempt and not len(row):
                 return
-            edges = row[chosen], source[chosen], target[chosen]
-            tree.rewire(self.forest, *edges, *self._connect(*edges))
+            if ask and len(row):
+                passed = self._likely(row, source, target)
+                row, source, target = row[passed], source[passed], target[passed]
+            if len(row):
+                action, admissible = self._connect(row, source, target)
+                tree.rewire(forest, row, source, target, action, admissible)
 
     def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
         """π's action along each edge [P,A], and whether it lands near enough (round trip)."""

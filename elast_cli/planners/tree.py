@@ -166,7 +166,7 @@ def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
 def insert(
     forest: Forest, rows: Int64, latent: Float32, alive: Bool, parent: Int32, action: Float32
 ) -> Int32:
-    """Add the live candidates to the trees of `rows` [R]; where they are now [R,K], -1 if nowhere.
+    """Add the live candidates to the trees of `rows` [R]; where they are now [B,K], -1 if nowhere.
 
     Args:
         forest: the trees; candidate k's features lie in slot N + k.
@@ -177,7 +177,7 @@ def insert(
         action: on the edges from there [R,K,A].
     """
     capacity = forest.parent.shape[1]
-    index = np.full(alive.shape, NONE, np.int32)
+    index = np.full((len(forest.size), alive.shape[1]), NONE, np.int32)
     for r in range(len(rows)):
         b = rows[r]
         for k in range(alive.shape[1]):
@@ -185,7 +185,7 @@ def insert(
             if not alive[r, k] or i >= capacity:
                 continue
             forest.size[b] = i + 1
-            index[r, k] = i
+            index[b, k] = i
             forest.latent[b, i] = latent[r, k]
             forest.feature[b, i] = forest.feature[b, capacity + k]
             forest.action[b, i] = action[r, k]
@@ -202,15 +202,44 @@ def insert(
 
 
 @njit(cache=True, nogil=True)
-def pick(
-    forest: Forest, row: Int32, source: Int32, target: Int32, gap: Float32, untried: Bool
-) -> Int64:
+def edges_around(pairs: Int32, gaps: Float32, index: Int32) -> tuple[Int32, Float32]:
+    """Edges (row, source, target) [3,2P] into inserted candidates, then the same reversed.
+
+    Args:
+        pairs: (row, k, node) [3,P'] of candidates and nodes near by; those not inserted drop out.
+        gaps: their squared lengths [P'].
+        index: where candidates went [B,K].
+
+    Returns:
+        The edges and their squared lengths [2P].
+    """
+    count = 0
+    for p in range(len(gaps)):
+        count += index[pairs[0, p], pairs[1, p]] != NONE
+    edges = np.empty((3, 2 * count), np.int32)
+    gap = np.empty(2 * count, np.float32)
+    into = 0
+    for p in range(len(gaps)):
+        new = index[pairs[0, p], pairs[1, p]]
+        if new != NONE:
+            out_of = into + count
+            edges[0, into] = edges[0, out_of] = pairs[0, p]
+            edges[1, into] = edges[2, out_of] = pairs[2, p]
+            edges[2, into] = edges[1, out_of] = new
+            gap[into] = gap[out_of] = gaps[p]
+            into += 1
+    return edges, gap
+
+
+@njit(cache=True, nogil=True)
+def pick(forest: Forest, edges: Int32, gap: Float32, untried: Bool) -> tuple[Int32, Int32, Int32]:
     """For each target the cheapest untried edge that lowers its cost; of equals, the shortest.
 
-    Edges are given as (row, source, target) [P], their squared lengths as `gap` [P]. Returns the
-    chosen ones' indices, in order, and marks them as tried.
+    Edges are given as (row, source, target) [3,P], their squared lengths as `gap` [P]. The chosen
+    are marked as tried and returned, in order: rows, sources and targets.
     """
     depth, offer = forest.depth, forest.offer
+    row, source, target = edges
     for e in range(len(row)):
         b, i, j = row[e], source[e], target[e]
         if not untried[e] or depth[b, i] + 1 >= depth[b, j]:
@@ -230,7 +259,8 @@ def pick(
             untried[e] = False
             chosen[count] = e
             count += 1
-    return chosen[:count]
+    chosen = chosen[:count]
+    return row[chosen], source[chosen], target[chosen]
 
 
 @njit(cache=True, nogil=True)

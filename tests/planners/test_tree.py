@@ -147,18 +147,18 @@ def test_the_cheapest_edge_into_each_node_is_picked_then_the_shortest() -> None:
     for parent in (0, 1, 2, 3):  # a chain 0-1-2-3-4
         insert(forest, [parent])
     insert(forest, [0, 0])  # 5 and 6
-    row, source, target = edges_of([(1, 4), (5, 4), (6, 4), (0, 4), (0, 3), (3, 4)])
+    edges = np.stack(edges_of([(1, 4), (5, 4), (6, 4), (0, 4), (0, 3), (3, 4)]))
     gap = np.array([3, 1, 2, 9, 1, 1], np.float32)
     untried = np.ones(6, np.bool_)
 
-    def picked() -> list[int]:
-        found: list[int] = tree.pick(forest, row, source, target, gap, untried).tolist()
-        return found
+    def picked() -> list[tuple[int, int]]:
+        _, source, target = tree.pick(forest, edges, gap, untried)
+        return list(zip(source.tolist(), target.tolist(), strict=True))
 
-    assert picked() == [3, 4]  # the root is the cheapest source, however far
-    assert picked() == [1]  # then the shortest of three that cost the same
-    assert picked() == [2]
-    assert picked() == [0]
+    assert picked() == [(0, 4), (0, 3)]  # the root is the cheapest source, however far
+    assert picked() == [(5, 4)]  # then the shortest of three that cost the same
+    assert picked() == [(6, 4)]
+    assert picked() == [(1, 4)]
     assert picked() == []  # 3-4 is an edge of the tree and lowers nothing
     assert (forest.offer == NONE).all()
 
@@ -170,3 +170,11 @@ def test_an_edge_that_failed_a_test_is_not_taken() -> None:
     action = np.full((1, 1), 0.5, np.float32)
     assert tree.rewire(forest, *edges_of([(0, 3)]), action, np.zeros(1, np.bool_)) == 0
     assert forest.parent[0, 3] == 2
+
+
+def test_edges_around_new_nodes_lead_in_and_out_again() -> None:
+    pairs = np.array([[0, 1, 1], [0, 0, 1], [4, 5, 6]], np.int32)  # row, candidate, node
+    index = np.array([[7, NONE], [NONE, 9]], np.int32)
+    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index)
+    assert edges.tolist() == [[0, 1, 0, 1], [4, 6, 7, 9], [7, 9, 4, 6]]
+    np.testing.assert_allclose(gap, [0.1, 0.3, 0.1, 0.3])

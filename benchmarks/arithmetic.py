@@ -1,0 +1,136 @@
+"""The search against the bare arithmetic of its networks: the same products, and nothing else.
+
+A search is recorded: which networks it calls, and with how many rows. The same calls are then made
+on random numbers, once by plain torch modules and once by the search's own kernels.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from elast_cli.methods import Models, elast_planner
+from elast_cli.models.dense import DenseNetwork
+from elast_cli.planners.base import Query, World
+from elast_cli.planners.elast import TreeConfig
+
+NETWORKS = {  # called by each function of the world
+    "step": ("ensemble",),
+    "features": ("first",),
+    "log_density": ("rest",),
+    "connect": ("policy", "ensemble"),
+}
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """CPU seconds of planning and of its network calls alone.
+
+    Attributes:
+        plan: from the query to the paths.
+        torch: the network calls by torch.
+        kernels: the network calls by the search's own kernels.
+        calls: how many network calls there were.
+        scenarios: how many were planned for together.
+    """
+
+    plan: float
+    torch: float
+    kernels: float
+    calls: int
+    scenarios: int
+
+
+class Recorder:
+    """A world that notes the networks it calls, and with how many rows."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.calls: list[tuple[str, int]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.world, name)
+        if name not in NETWORKS:
+            return found
+
+        def noted(*args: Any) -> Any:
+            self.calls += [(network, len(args[-1])) for network in NETWORKS[name]]
+            return found(*args)
+
+        return noted
+
+
+def measure(models: Models, config: TreeConfig, query: Query, *, repeats: int = 3) -> Arithmetic:
+    """The least of `repeats` CPU times of each; for models on the CPU, without a context."""
+    planner = elast_planner(models, config)
+    recorder = Recorder(planner.world(query.context))
+    replace(planner, world=lambda _: recorder).plan(query)
+    nets = modules(models)
+    own = {name: DenseNetwork.of(net) for name, net in nets.items()}
+    rng = np.random.default_rng(0)
+    calls = [
+        (name, rng.standard_normal((rows, own[name].inputs), dtype=np.float32))
+        for name, rows in recorder.calls
+    ]
+
+    def in_torch() -> None:
+        with torch.inference_mode():
+            for name, x in calls:
+                nets[name](torch.from_numpy(x))
+
+    def in_kernels() -> None:
+        for name, x in calls:
+            own[name](x)
+
+    return Arithmetic(
+        plan=least(lambda: planner.plan(query), repeats),
+        torch=least(in_torch, repeats),
+        kernels=least(in_kernels, repeats),
+        calls=len(calls),
+        scenarios=len(query.start),
+    )
+
+
+class _Ensemble(nn.Module):
+    """The layers of H_f, every member on the same rows."""
+
+    def __init__(self, layers: nn.ModuleList) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[M,in] -> [E,M,out]."""
+        first, *others = self.layers
+        y: Tensor = first(x.expand(len(first.weight), -1, -1))
+        for layer in others:
+            y = layer(torch.relu(y))
+        return y
+
+
+def modules(models: Models) -> dict[str, nn.Module]:
+    """The networks that a search calls, as torch has them."""
+    density = models.density
+    z_size, width = density.latent_size, density.config.width
+    return {
+        "ensemble": _Ensemble(models.ensemble.ensemble.layers),
+        "first": nn.Linear(density.first.in_features - z_size, 2 * width + z_size),
+        "rest": density.rest[1],  # after the first layer's ReLU
+        "policy": models.policy.net,
+    }
+
+
+def least(run: Callable[[], object], repeats: int) -> float:
+    """The least CPU time of a run, in seconds, after one that does not count."""
+    run()
+    times = []
+    for _ in range(repeats):
+        began = time.process_time()
+        run()
+        times.append(time.process_time() - began)
+    return min(times)
