@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -153,6 +153,7 @@ class PlanLog:
 
     plans: Int64
     seconds: Float32
+    first_seconds: Float32
     reached: Int64
     transitions: Int64
     density_calls: Int64
@@ -162,7 +163,8 @@ class PlanLog:
     def empty(cls, rows: int) -> PlanLog:
         """Nothing planned yet."""
         zero = np.zeros(rows, np.int64)
-        return cls(zero, np.zeros(rows, np.float32), zero, zero, zero, zero)
+        no_time = np.zeros(rows, np.float32)
+        return cls(zero, no_time, no_time, zero, zero, zero, zero)
 
     def add(self, plan: Plan, rows: Int64, seconds: float) -> PlanLog:
         """With one more plan at each of `rows`; its wall time is shared evenly among them."""
@@ -175,6 +177,7 @@ class PlanLog:
         return PlanLog(
             put(self.plans, 1),
             put(self.seconds, seconds / len(rows)),
+            put(self.first_seconds, np.where(self.plans[rows] == 0, seconds / len(rows), 0)),
             put(self.reached, plan.reached),
             put(self.transitions, plan.transitions),
             put(self.density_calls, plan.density_calls),
@@ -184,13 +187,17 @@ class PlanLog:
 
 @dataclass(frozen=True)
 class Following:
-    """State of `Replan`: the task in latent space, the routes, the step, and the plans' log."""
+    """State of `Replan`: the task in latent space, the routes, the step, and the plans' log.
+
+    `memory` [B] is the planner's own, handed back to it when it replans.
+    """
 
     task: Task
     goal: Float32
     route: Route | None
     step: int
     log: PlanLog
+    memory: tuple[object, ...]
 
 
 @dataclass(frozen=True)
@@ -205,26 +212,31 @@ class Replan:
     def begin(self, task: Task) -> Following:
         """Encode the goals."""
         goal = self.estimator(task.goal, task.context)
-        return Following(task, goal, None, 0, PlanLog.empty(len(goal)))
+        nothing = (None,) * len(goal)
+        return Following(task, goal, None, 0, PlanLog.empty(len(goal)), nothing)
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
         task = state.task
         z = self.estimator(frames, task.context)
-        route, log = state.route, state.log
+        route, log, memory = state.route, state.log, list(state.memory)
         rows = np.flatnonzero(running)
         if state.step % self.every == 0 and len(rows):
             index = state.step // self.every
             seeds = [derived_seed("plan", int(task.seed[b]), index) for b in rows]
             left = None if route is None else route.actions_left()[rows]
-            query = Query(z[rows], state.goal[rows], task.context[rows], np.array(seeds), left)
+            kept = [memory[b] for b in rows]
+            ends = z[rows], state.goal[rows]
+            query = Query(*ends, task.context[rows], np.array(seeds), left, kept)
             began = time.perf_counter()
             plan = self.planner.plan(query)
             log = log.add(plan, rows, time.perf_counter() - began)
             route = (route or _standing(z, plan)).updated(plan, rows)
+            for b, item in zip(rows.tolist(), plan.memory, strict=False):
+                memory[b] = item
         assert route is not None  # the first step plans
         action, route = self.follower.act(route, z, state.goal, task.context)
-        following = Following(task, state.goal, route, state.step + 1, log)
+        following = Following(task, state.goal, route, state.step + 1, log, tuple(memory))
         return np.clip(action, -1, 1).astype(np.float32), following
 
 
@@ -252,7 +264,6 @@ class Random:
     """The environment's own collection policy, without its privileged resets."""
 
     walks: Sequence[RandomWalk]
-    log: PlanLog = field(default_factory=lambda: PlanLog.empty(0))
 
     def begin(self, task: Task) -> list[np.random.Generator]:
         """One generator an episode."""
@@ -296,6 +307,7 @@ class Trace:
         states: true states [T+1,S], for people.
         goal: the goal's frame u8 [64,64,3].
         plans, plan_s, reached, transitions, density_calls, policy_calls: of its planning.
+        first_plan_s: the part of plan_s that the first plan took.
     """
 
     steps: int | None
@@ -306,6 +318,7 @@ class Trace:
     goal: Uint8
     plans: int
     plan_s: float
+    first_plan_s: float
     reached: int
     transitions: int
     density_calls: int
@@ -357,6 +370,7 @@ def run_episodes(
             goal=goals[b],
             plans=int(log.plans[b]),
             plan_s=float(log.seconds[b]),
+            first_plan_s=float(log.first_seconds[b]),
             reached=int(log.reached[b]),
             transitions=int(log.transitions[b]),
             density_calls=int(log.density_calls[b]),

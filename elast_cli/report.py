@@ -51,6 +51,10 @@ class EpisodeRow(StrictModel):
     shortest: int | None = Field(ge=0)  # optimal steps to the edge of the success region
     plans: int = Field(ge=0)
     plan_s: float = Field(ge=0)  # mean wall seconds a plan; 0 where nothing plans
+    first_plan_s: float = Field(default=0.0, ge=0)  # of the episode's first plan
+    reached: int = Field(default=0, ge=0)  # plans whose path ended within the goal radius
+    density_calls_per_step: float = Field(default=0.0, ge=0)  # evaluations of ψ
+    policy_calls_per_step: float = Field(default=0.0, ge=0)  # evaluations of π
     network_calls_per_step: float = Field(ge=0)
     held: bool  # still inside the radius at the end
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,6 +20,7 @@ class Query:
         context: [B,C].
         seed: [B].
         left: actions [B,H,A] not yet played of the plans before, zero where there are none.
+        memory: what the planner kept of each row's plan before [B]; None where there is none.
     """
 
     start: Float32
@@ -27,6 +28,7 @@ class Query:
     context: Float32
     seed: Int64
     left: Float32 | None = None
+    memory: Sequence[object] = ()
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Plan:
         density_calls: evaluations of ψ [B].
         policy_calls: evaluations of π [B].
         repeatable: whether the same query always gives this plan; a time budget makes it not so.
+        memory: what the planner would like to see again when it replans [B], or nothing.
     """
 
     states: Float32
@@ -52,6 +55,7 @@ class Plan:
     density_calls: Int64
     policy_calls: Int64
     repeatable: bool = True
+    memory: Sequence[object] = ()
 
 
 class Planner(Protocol):

@@ -28,7 +28,7 @@ from elast_cli.store import Ref, Store
 if TYPE_CHECKING:
     from elast_cli.control import Trace
 
-ALGORITHM_VERSION = 1
+ALGORITHM_VERSION = 2
 
 
 def step(job: Job, method: str, levels: Sequence[str]) -> Step:
@@ -170,7 +170,11 @@ def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
         shortest=scenario.shortest,
         plans=trace.plans,
         plan_s=trace.plan_s / max(trace.plans, 1),
+        first_plan_s=trace.first_plan_s,
+        reached=trace.reached,
         network_calls_per_step=trace.transitions / max(trace.length, 1),
+        density_calls_per_step=trace.density_calls / max(trace.length, 1),
+        policy_calls_per_step=trace.policy_calls / max(trace.length, 1),
         held=trace.held,
     )
 

@@ -1,0 +1,106 @@
+"""Replanning that learns: what a search found stays true while the world stands still.
+
+A plan is followed for a while; then the tree behind it is planted again at the place that execution
+has reached. Nodes that the new root reaches by a tested edge keep everything below them; what hangs
+from nowhere is dropped. A plan made from such a tree needs only a few more expansions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from elast_cli.planners.tree import NONE, Forest
+from elast_cli.shapes import Bool, Float32, Int32, Int64
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A finished tree of one scenario.
+
+    Attributes:
+        latent: [N,Z].
+        feature: [N,E].
+        action: [N,A], on the edge from the parent.
+        parent: [N]; -1 at the root, node 0.
+        depth: [N].
+        crowding: [N].
+    """
+
+    latent: Float32
+    feature: Float32
+    action: Float32
+    parent: Int32
+    depth: Int32
+    crowding: Int32
+
+
+def remember(forest: Forest, b: int) -> Memory:
+    """Copy tree b out of a forest."""
+    n = int(forest.size[b])
+    return Memory(
+        forest.latent[b, :n].copy(),
+        forest.feature[b, :n].copy(),
+        forest.action[b, :n].copy(),
+        forest.parent[b, :n].copy(),
+        forest.depth[b, :n].copy(),
+        forest.crowding[b, :n].copy(),
+    )
+
+
+def candidates(memory: Memory, root: Float32, radius: float) -> Int64:
+    """Nodes [M] of an old tree within `radius` of the new root [Z]: those it might connect to."""
+    gap = memory.latent - root
+    near: Int64 = np.flatnonzero(np.einsum("nz,nz->n", gap, gap) <= radius * radius)
+    return near
+
+
+def transplant(
+    memory: Memory, root: Float32, feature: Float32, adopted: Int64, actions: Float32
+) -> Memory:
+    """The old tree hung from a new root.
+
+    Args:
+        memory: the old tree.
+        root: latent [Z] of the new root.
+        feature: its feature [E].
+        adopted: nodes [M] that become the root's children; their edges were tested.
+        actions: action [M,A] on each of these edges.
+
+    Returns:
+        The tree of all nodes that descend from the adopted ones, cheapest first; depths are exact.
+    """
+    order = np.argsort(memory.depth, kind="stable")
+    direct = np.zeros(len(order), np.bool_)
+    direct[adopted] = True
+    depth = _new_depths(order, memory.parent, direct)
+    kept = np.flatnonzero(depth > 0)
+    kept = kept[np.argsort(depth[kept], kind="stable")]
+    index = np.full(len(depth), NONE, np.int32)
+    index[kept] = np.arange(1, len(kept) + 1, dtype=np.int32)
+    action = memory.action.copy()
+    action[adopted] = actions
+    parent = np.where(direct[kept], 0, index[memory.parent[kept]])
+    none = np.zeros(1, np.int32)
+    return Memory(
+        np.concatenate([root[None], memory.latent[kept]]),
+        np.concatenate([feature[None], memory.feature[kept]]),
+        np.concatenate([np.zeros_like(action[:1]), action[kept]]),
+        np.concatenate([none + NONE, parent]).astype(np.int32),
+        np.concatenate([none, depth[kept]]),
+        np.concatenate([none, memory.crowding[kept]]),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _new_depths(order: Int64, parent: Int32, direct: Bool) -> Int32:
+    """Depths below the new root [N], 0 for nodes that no adopted node leads to."""
+    depth = np.zeros(len(parent), np.int32)
+    for i in order:  # parents before children: old depths are exact
+        if direct[i]:
+            depth[i] = 1
+        elif parent[i] != NONE and depth[parent[i]] > 0:
+            depth[i] = depth[parent[i]] + 1
+    return depth
