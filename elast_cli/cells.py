@@ -1,8 +1,9 @@
 """Points in the cells of a grid: who lies within a radius, without looking at everybody.
 
-The grid spans the first few axes along which the points spread the most. A projection shortens no
-distance to more than it was, so whoever is within a radius lies in a cell near by; the exact
-distance then decides.
+The grid spans the two axes along which the points spread the most. A projection makes no distance
+longer, so whoever is within a radius lies in a cell near by; the exact distance then decides.
+Points of a cell lie together in blocks, coordinate by coordinate, so that the distances to a whole
+block are computed at once.
 """
 
 from __future__ import annotations
@@ -16,25 +17,34 @@ from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 NONE = -1
 AXES = 2  # of the grid
+BLOCK = 16  # points
 SLACK = 1e-5  # of a radius: float32 distances may round down to within it
 
 
 class Cells(NamedTuple):
-    """Points of B rows, those of a cell in a linked list that starts in a hash table.
+    """Points of B rows in blocks of 16; blocks lie in linked lists that start in a hash table.
 
     Attributes:
         axes: orthonormal [Z,2], float64.
         side: of a cell [1].
-        head: first point of each bucket [B,H], H a power of two; -1 where it is empty.
-        after: next point of the same bucket [B,N].
-        key: each point's cell [B,N].
+        head: first block of each bucket [B,H], H a power of two; -1 where it is empty.
+        blocks: number of blocks in use [B].
+        after: next block of the same bucket [B,N].
+        key: the cell of each block [B,N].
+        size: number of points in each block [B,N].
+        who: their indices [B,N,16].
+        at: their coordinates [B,N,Z,16].
     """
 
     axes: Float64
     side: Float64
     head: Int32
+    blocks: Int64
     after: Int32
     key: Int64
+    size: Int32
+    who: Int32
+    at: Float32
 
 
 def empty_cells(rows: int, points: int, *, axes: Float64, side: float) -> Cells:
@@ -42,12 +52,16 @@ def empty_cells(rows: int, points: int, *, axes: Float64, side: float) -> Cells:
     two = np.zeros((len(axes), AXES))
     two[:, : axes.shape[1]] = axes[:, :AXES]
     buckets = 1 << max(4, int(points).bit_length())
-    return Cells(
-        two,
-        np.array([side]),
-        np.full((rows, buckets), NONE, np.int32),
-        np.empty((rows, points), np.int32),
-        np.empty((rows, points), np.int64),
+    return Cells(  # at worst every point has a block of its own: memory that is hardly ever touched
+        axes=two,
+        side=np.array([side]),
+        head=np.full((rows, buckets), NONE, np.int32),
+        blocks=np.zeros(rows, np.int64),
+        after=np.empty((rows, points), np.int32),
+        key=np.empty((rows, points), np.int64),
+        size=np.empty((rows, points), np.int32),
+        who=np.empty((rows, points, BLOCK), np.int32),
+        at=np.empty((rows, points, len(axes), BLOCK), np.float32),
     )
 
 
@@ -78,25 +92,63 @@ def _project(point: Float32, axes: Float64) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
+def _open_block(cells: Cells, b: int, key: int) -> int:
+    """A block of the cell with room in it; only the latest block of a cell may have any."""
+    bucket = _bucket(key, cells.head.shape[1])
+    block: int = cells.head[b, bucket]
+    while block != NONE and cells.key[b, block] != key:
+        block = cells.after[b, block]
+    if block != NONE and cells.size[b, block] < BLOCK:
+        return block
+    new: int = cells.blocks[b]
+    cells.blocks[b] += 1
+    cells.key[b, new] = key
+    cells.size[b, new] = 0
+    cells.at[b, new] = 0  # what distances are computed to must at least be numbers
+    cells.after[b, new] = cells.head[b, bucket]
+    cells.head[b, bucket] = new
+    return new
+
+
+@njit(cache=True, nogil=True)
 def add(cells: Cells, points: Float32, first: Int64, last: Int64) -> None:
     """Sort points [B,N,Z] with indices from first[b] up to last[b] into their cells."""
-    side, buckets = cells.side[0], cells.head.shape[1]
+    side = cells.side[0]
     for b in range(len(first)):
         for i in range(first[b], last[b]):
             x, y = _project(points[b, i], cells.axes)
-            key = _key(int(np.floor(x / side)), int(np.floor(y / side)))
-            at = _bucket(key, buckets)
-            cells.key[b, i] = key
-            cells.after[b, i] = cells.head[b, at]
-            cells.head[b, at] = i
+            block = _open_block(cells, b, _key(int(np.floor(x / side)), int(np.floor(y / side))))
+            slot = cells.size[b, block]
+            cells.size[b, block] = slot + 1
+            cells.who[b, block, slot] = i
+            for d in range(points.shape[2]):
+                cells.at[b, block, d, slot] = points[b, i, d]
 
 
 @njit(cache=True, nogil=True)
 def _within(
-    cells: Cells, points: Float32, b: int, query: Float32, radius: float, out: Int32, gaps: Float32
+    cells: Cells,
+    b: int,
+    query: Float32,
+    radius: float,
+    enough: int,
+    out: Int32,
+    gaps: Float32,
+    scratch: Float32,
 ) -> int:
-    """Write the points of row b within `radius` of `query` [Z], and squared distances; how many."""
-    side, buckets = cells.side[0], cells.head.shape[1]
+    """Write points of row b within `radius` of `query` [Z], and squared distances; how many.
+
+    Stops once there are `enough`; out and gaps have room for a block more, scratch for one.
+    """
+    head, after, keys, size, who, at = (
+        cells.head,
+        cells.after,
+        cells.key,
+        cells.size,
+        cells.who,
+        cells.at,
+    )
+    side, buckets, lanes = cells.side[0], head.shape[1], at.shape[3]
     x, y = _project(query, cells.axes)
     reach = radius * (1 + SLACK)
     low, high = int(np.floor((y - reach) / side)), int(np.floor((y + reach) / side))
@@ -104,24 +156,28 @@ def _within(
     for u in range(int(np.floor((x - reach) / side)), int(np.floor((x + reach) / side)) + 1):
         for v in range(low, high + 1):
             key = _key(u, v)
-            i = cells.head[b, _bucket(key, buckets)]
-            while i != NONE:
-                if cells.key[b, i] == key:
-                    gap = np.float32(0)
+            block = head[b, _bucket(key, buckets)]
+            while block != NONE:
+                if keys[b, block] == key:
+                    for i in range(lanes):
+                        scratch[i] = 0
                     for d in range(len(query)):
-                        step = query[d] - points[b, i, d]
-                        gap += step * step
-                    if gap <= limit:
-                        out[found], gaps[found] = i, gap
-                        found += 1
-                i = cells.after[b, i]
+                        place = query[d]
+                        for i in range(lanes):  # not BLOCK: unrolled, it is no vector loop
+                            step = place - at[b, block, d, i]
+                            scratch[i] += step * step
+                    for i in range(size[b, block]):
+                        out[found], gaps[found] = who[b, block, i], scratch[i]
+                        found += scratch[i] <= limit
+                    if found >= enough:
+                        return found
+                block = after[b, block]
     return found
 
 
 @njit(cache=True, nogil=True)
 def find_pairs(
     cells: Cells,
-    points: Float32,
     rows: Int64,
     queries: Float32,
     wanted: Bool,
@@ -132,8 +188,7 @@ def find_pairs(
     """Write pairs (row, k, point) [3,P] within `radius`, and their squared distances to gaps [P].
 
     Args:
-        cells: the points' cells.
-        points: [B,N,Z].
+        cells: the points.
         rows: which row of the points each row of the queries belongs to [R].
         queries: [R,K,Z].
         wanted: the queries to answer [R,K].
@@ -145,13 +200,14 @@ def find_pairs(
         The number of pairs; where that exceeds the room, call again with more.
     """
     found, room = 0, len(gaps)
-    near = np.empty(cells.after.shape[1], np.int32)
-    gap = np.empty(cells.after.shape[1], np.float32)
+    every = cells.after.shape[1]
+    near, gap = np.empty(every + BLOCK, np.int32), np.empty(every + BLOCK, np.float32)
+    scratch = np.empty(BLOCK, np.float32)
     for r in range(len(rows)):
         for k in range(queries.shape[1]):
             if not wanted[r, k]:
                 continue
-            count = _within(cells, points, rows[r], queries[r, k], radius, near, gap)
+            count = _within(cells, rows[r], queries[r, k], radius, every, near, gap, scratch)
             for i in range(min(count, room - found)):
                 pairs[0, found + i] = rows[r]
                 pairs[1, found + i] = k
@@ -164,7 +220,6 @@ def find_pairs(
 @njit(cache=True, nogil=True)
 def drop_copies(
     cells: Cells,
-    points: Float32,
     rows: Int64,
     queries: Float32,
     wanted: Bool,
@@ -176,23 +231,24 @@ def drop_copies(
 
     The points cost [B,N], the queries new_cost [R,K]; the rest is as for `find_pairs`.
     """
-    near = np.empty(cells.after.shape[1], np.int32)
-    gap = np.empty(cells.after.shape[1], np.float32)
+    every = cells.after.shape[1]
+    near, gap = np.empty(every + BLOCK, np.int32), np.empty(every + BLOCK, np.float32)
+    scratch = np.empty(BLOCK, np.float32)
     for r in range(len(rows)):
         b = rows[r]
         for k in range(queries.shape[1]):
             if wanted[r, k]:
-                for i in range(_within(cells, points, b, queries[r, k], radius, near, gap)):
+                for i in range(_within(cells, b, queries[r, k], radius, every, near, gap, scratch)):
                     if gap[i] < radius * radius and cost[b, near[i]] <= new_cost[r, k]:
                         wanted[r, k] = False
 
 
 @njit(cache=True, nogil=True)
-def any_within(cells: Cells, points: Float32, queries: Float32, radius: float) -> Bool:
-    """Whether any of the points [1,N,Z] lies within `radius` of each query [M,Z]: [M]."""
-    near = np.empty(cells.after.shape[1], np.int32)
-    gap = np.empty(cells.after.shape[1], np.float32)
+def any_within(cells: Cells, queries: Float32, radius: float) -> Bool:
+    """Whether any point of the first row lies within `radius` of each query [M,Z]: [M]."""
+    near, gap = np.empty(2 * BLOCK, np.int32), np.empty(2 * BLOCK, np.float32)
+    scratch = np.empty(BLOCK, np.float32)
     out = np.empty(len(queries), np.bool_)
     for m in range(len(queries)):
-        out[m] = _within(cells, points, 0, queries[m], radius, near, gap) > 0
+        out[m] = _within(cells, 0, queries[m], radius, 1, near, gap, scratch) > 0
     return out

@@ -189,7 +189,7 @@ class LatentWorld:
             found = cells.empty_cells(1, len(self.support), axes=self.axes, side=limit)
             cells.add(found, self.support[None], np.zeros(1, int), np.array([len(self.support)]))
             self._cells[limit] = found
-        return cells.any_within(self._cells[limit], self.support[None], z, limit)
+        return cells.any_within(self._cells[limit], z, limit)
 
     def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
         """π's action [M,A] from z to z', and the distance from z' at which H_f lands [M]."""

@@ -17,7 +17,7 @@ from elast_cli.planners.tree import Forest
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
-CELLS_PER_RADIUS = 3  # of r_neigh, in the neighbour search
+CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
 
 
 class TreeConfig(StrictModel):
@@ -177,7 +177,6 @@ class Search:
         forest, limits, alive = self.forest, self.limits, batch.alive
         cells.drop_copies(
             self.cells,
-            forest.latent,
             batch.rows,
             batch.latent,
             alive,
@@ -231,7 +230,6 @@ class Search:
         while True:
             found = cells.find_pairs(
                 self.cells,
-                self.forest.latent,
                 batch.rows,
                 batch.latent,
                 batch.alive,

@@ -216,6 +216,30 @@ def test_batches_grow_with_the_tree_between_their_bounds() -> None:
     assert sum(sizes) == 400
 
 
+@law
+@given(seeds, st.integers(1, 60), worlds)
+def test_a_full_tree_stops_and_is_that_of_a_solo_run(seed: int, nodes: int, world: Box) -> None:
+    query = problems(3, seed)
+    together = grown(query, world, expansions=300, max_nodes=nodes)
+    assert together.forest.capacity == nodes
+    for b in range(3):
+        alone = grown(only(query, b), world, expansions=300, max_nodes=nodes)
+        size = alone.forest.size[0]
+        assert together.forest.size[b] == size <= nodes
+        assert_sound(together.forest, b)
+        for name in ("latent", "parent", "crowding"):
+            ours, theirs = getattr(together.forest, name), getattr(alone.forest, name)
+            np.testing.assert_array_equal(ours[b, :size], theirs[0, :size], err_msg=name)
+        assert together.tally.transitions[b] == alone.tally.transitions[0]
+
+
+def test_a_plan_under_a_time_budget_is_not_repeatable() -> None:
+    assert grown(problems(2), expansions=50).best_plan().repeatable
+    search = grown(problems(2), expansions=10**6, time_budget=0.05)
+    assert search.done < 10**6
+    assert not search.best_plan().repeatable
+
+
 def test_a_rejected_expansion_crowds_its_node() -> None:
     walled = replace(LIMITS, max_variance=-1.0)  # nothing passes
     counted = grown(problems(2), limits=walled, expansions=50)
