@@ -103,11 +103,12 @@ class _Ensemble(nn.Module):
     def __init__(self, layers: nn.ModuleList) -> None:
         super().__init__()
         self.layers = layers
+        self.members = len(next(layers.parameters()))
 
     def forward(self, x: Tensor) -> Tensor:
         """[M,in] -> [E,M,out]."""
         first, *others = self.layers
-        y: Tensor = first(x.expand(len(first.weight), -1, -1))
+        y: Tensor = first(x.expand(self.members, -1, -1))
         for layer in others:
             y = layer(torch.relu(y))
         return y
