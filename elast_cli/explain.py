@@ -110,7 +110,8 @@ def _path(
     log_density = world.log_density(features, source, target)
     action = forest.action[0, path]
     landed, variance = world.step(latent[:-1], action[1:], row[1:])
-    _, round_trip = world.connect(latent[:-1], latent[1:], row[1:])
+    back, _ = world.step(latent[:-1], world.act(latent[:-1], latent[1:], row[1:]), row[1:])
+    round_trip = np.linalg.norm(back - latent[1:], axis=1)
     prediction = np.linalg.norm(landed - latent[1:], axis=1)
     support = _support_distance(models, latent)
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)

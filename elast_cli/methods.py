@@ -187,6 +187,8 @@ variant(
     edge_actions=0.0,
     momentum=0.0,
     duplicate_steps=0.0,
+    connect_candidates=1_000_000,
+    reuse=False,
 )
 variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
 variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)

@@ -79,18 +79,6 @@ def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float
 
 
 @njit(cache=True, nogil=True)
-def _lengths(x: Float32) -> Float32:
-    """Euclidean length [M] of each row [M,Z]."""
-    out = np.empty(len(x), np.float32)
-    for m in range(len(x)):
-        total = np.float32(0)
-        for d in range(x.shape[1]):
-            total += x[m, d] * x[m, d]
-        out[m] = np.sqrt(total)
-    return out
-
-
-@njit(cache=True, nogil=True)
 def _tanh(x: Float32) -> Float32:
     """Element by element: numpy's vectors and their ends need not agree in the last bit."""
     out = np.empty_like(x)
@@ -191,11 +179,9 @@ class LatentWorld:
             self._cells[limit] = found
         return cells.any_within(self._cells[limit], z, limit)
 
-    def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """π's action [M,A] from z to z', and the distance from z' at which H_f lands [M]."""
-        action = self._policy(z, z_next, self.context[row])
-        landed, _ = self.step(z, action, row)
-        return action, _lengths(landed - z_next)
+    def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
+        """π's action [M,A] from z to z'."""
+        return self._policy(z, z_next, self.context[row])
 
 
 def _first_layer_as_network(density: TransitionDensity) -> tuple[Tensor, Tensor]:

@@ -96,8 +96,8 @@ class World(Protocol):
         """Whether an encoded training state lies within `limit` of each latent: [M]."""
         ...
 
-    def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """The policy's action [M,A] from z to z', and how far from z' [M] it really lands."""
+    def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
+        """The policy's action [M,A] from z to z'."""
         ...
 
 
@@ -112,7 +112,8 @@ class Limits:
         min_log_density: τ_t, in nats.
         max_variance: τ_e, in latent units².
         max_support_distance: in latent units.
-        max_round_trip: in latent units; only edges that would lower a cost are tested.
+        max_round_trip: how far from z' H_f may land under the policy's action, in latent units;
+            only edges that would lower a cost are tested, together with that step's variance.
     """
 
     min_log_density: float = -np.inf

@@ -11,8 +11,9 @@ from pydantic import Field, model_validator
 
 from elast_cli import cells
 from elast_cli.config import StrictModel
-from elast_cli.planners import sampling, tree
+from elast_cli.planners import reuse, sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
+from elast_cli.planners.reuse import Memory
 from elast_cli.planners.tree import Forest
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
@@ -24,10 +25,13 @@ class TreeConfig(StrictModel):
     """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
 
     `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
-    trees; which plan it leaves depends on the machine.
+    trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
+    tree of the plan before, and spends `replan_expansions` where that still reaches the goal.
     """
 
     expansions: int = Field(default=12_000, ge=1)
+    reuse: bool = True
+    replan_expansions: int = Field(default=2_000, ge=1)
     max_nodes: int | None = Field(default=None, ge=1)
     time_budget: float | None = Field(default=None, gt=0)
     batch_min: int = Field(default=8, ge=1)
@@ -100,22 +104,29 @@ class Search:
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
         config, scenarios = self.config, len(query.start)
-        nodes = min(config.max_nodes or config.expansions + 1, config.expansions + 1)
         self.tally = Tally.zero(scenarios)
         self.draws = self._draw(scenarios)
+        roots = self.world.features(query.start, np.arange(scenarios))
+        old = [self._replanted(b, roots[b]) for b in range(scenarios)]
+        self.budget = np.array([self._budget(b, found) for b, found in enumerate(old)])
+        needed = max(len(found.depth) + n for found, n in zip(old, self.budget, strict=True))
+        nodes = min(config.max_nodes or needed, needed)
         self.forest = tree.plant(
             query.start,
-            self.world.features(query.start, np.arange(scenarios)),
+            roots,
             query.goal,
             nodes=nodes,
             extra=config.batch_max,
             actions=self.world.action_size,
         )
+        for b, found in enumerate(old):
+            reuse.restore(self.forest, b, found)
         self.cells = cells.empty_cells(
             scenarios, nodes, axes=self.world.axes, side=self.radii.neighbor / CELLS_PER_RADIUS
         )
         self.sums = sampling.no_weights(scenarios, nodes)
         self._admit(np.zeros(scenarios, np.int64))
+        sampling.weigh(self.sums, self.forest.crowding, self.forest.size, config.sparse_exponent)
         self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
@@ -126,12 +137,42 @@ class Search:
         seeds = self.query.seed
         return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
+    def _replanted(self, b: int, feature: Float32) -> Memory:
+        """The tree of row b's plan before, hung from where it is now; one node without it."""
+        root = self.query.start[b]
+        memory = self.query.memory[b] if self.config.reuse and self.query.memory else None
+        if not isinstance(memory, Memory):
+            return reuse.alone(root, feature, self.world.action_size)
+        near = reuse.candidates(memory, root, self.radii.neighbor)
+        row = np.full(len(near), b)
+        if self.limits.min_log_density > -np.inf and len(near):
+            table = np.concatenate([feature[None], memory.feature[near]])
+            here = np.zeros(len(near), np.int64)
+            log_density = self.world.log_density(table, here, here + np.arange(1, len(near) + 1))
+            self.tally.density[b] += len(near)
+            near = near[log_density >= self.limits.min_log_density]
+            row = row[: len(near)]
+        if not len(near):
+            return reuse.alone(root, feature, self.world.action_size)
+        start = np.repeat(root[None], len(near), axis=0)
+        action, admissible = self._round_trip(start, memory.latent[near], row)
+        return reuse.transplant(memory, root, feature, near[admissible], action[admissible])
+
+    def _budget(self, b: int, found: Memory) -> int:
+        """Expansions of row b: few where the tree that is there already reaches the goal."""
+        if len(found.depth) == 1:
+            return self.config.expansions
+        nearest = tree.lengths(found.latent - self.query.goal[b]).min()
+        warm = min(self.config.replan_expansions, self.config.expansions)
+        return warm if nearest <= self.radii.goal else self.config.expansions
+
     def run(self) -> None:
         """Spend the budget of expansions, or of time."""
         seconds = self.config.time_budget or np.inf
         began = time.monotonic()
-        while self.done < self.config.expansions and time.monotonic() - began < seconds:
-            rows = np.flatnonzero(self.forest.size < self.forest.capacity)
+        forest = self.forest
+        while time.monotonic() - began < seconds:
+            rows = np.flatnonzero((forest.size < forest.capacity) & (self.done < self.budget))
             if not len(rows):
                 break
             self.expand(rows)
@@ -144,7 +185,8 @@ class Search:
         """
         config = self.config
         size = int(np.clip(self.done * config.batch_share, config.batch_min, config.batch_max))
-        size = min(size, config.expansions - self.done)
+        for stop in (config.replan_expansions, config.expansions):  # of any row, so of every row
+            size = min(size, stop - self.done) if self.done < stop else size
         draws = self.draws[rows, self.done : self.done + size]
         self.done += size
         batch = self._propose(rows, draws)
@@ -279,14 +321,21 @@ class Search:
                 tree.rewire(forest, row, source, target, action, admissible)
 
     def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
-        """π's action along each edge [P,A], and whether it lands near enough (round trip)."""
-        latent, wide = self.forest.latent, row.astype(np.int64)
-        action, miss = self.world.connect(latent[row, source], latent[row, target], wide)
-        calls = np.bincount(wide, minlength=len(self.tally.policy))
+        """π's action along each edge [P,A], and whether H_f under it surely leads there [P]."""
+        latent = self.forest.latent
+        return self._round_trip(latent[row, source], latent[row, target], row.astype(np.int64))
+
+    def _round_trip(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Bool]:
+        limits = self.limits
+        action = self.world.act(z, z_next, row)
+        calls = np.bincount(row, minlength=len(self.tally.policy))
         self.tally.policy += calls
-        if self.limits.max_round_trip < np.inf:
-            self.tally.transitions += calls * self.world.members
-        return action, miss <= self.limits.max_round_trip
+        if limits.max_round_trip == np.inf:
+            return action, np.ones(len(row), np.bool_)
+        landed, variance = self.world.step(z, action, row)
+        self.tally.transitions += calls * self.world.members
+        near = tree.lengths(landed - z_next) <= limits.max_round_trip
+        return action, near & (variance <= limits.max_variance)
 
     def best_nodes(self) -> tuple[Int64, Bool]:
         """The end of each row's path [B], and whether it lies within r_goal of the goal [B].
@@ -321,6 +370,7 @@ class Search:
             density_calls=self.tally.density,
             policy_calls=self.tally.policy,
             repeatable=self.config.time_budget is None,
+            memory=[reuse.remember(forest, b) for b in rows[:, 0]] if self.config.reuse else (),
         )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from elast_cli.planners import tree
 from elast_cli.planners.tree import NONE, Forest
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
@@ -35,6 +36,25 @@ class Memory:
     parent: Int32
     depth: Int32
     crowding: Int32
+
+
+def alone(root: Float32, feature: Float32, actions: int) -> Memory:
+    """A tree of nothing but its root: latent [Z], feature [E]."""
+    zero = np.zeros(1, np.int32)
+    none = np.zeros((1, actions), np.float32)
+    return Memory(root[None], feature[None], none, zero + NONE, zero, zero)
+
+
+def restore(forest: Forest, b: int, memory: Memory) -> None:
+    """Put a remembered tree, cheapest nodes first, in place of tree b; what has no room is left."""
+    n = min(len(memory.depth), forest.capacity)
+    forest.latent[b, :n] = memory.latent[:n]
+    forest.feature[b, :n] = memory.feature[:n]
+    forest.action[b, :n] = memory.action[:n]
+    forest.depth[b, :n] = memory.depth[:n]
+    forest.crowding[b, :n] = memory.crowding[:n]
+    forest.size[b] = n
+    tree.link(forest, b, memory.parent[:n])
 
 
 def remember(forest: Forest, b: int) -> Memory:

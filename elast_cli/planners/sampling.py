@@ -89,3 +89,12 @@ def crowd(
         b, i = row[m], node[m]
         crowding[b, i] += 1
         set_weight(sums[b], i, (1.0 + crowding[b, i]) ** -exponent)
+
+
+@njit(cache=True, nogil=True)
+def weigh(sums: Float64, crowding: Int32, size: Int64, exponent: float) -> None:
+    """Give the first size[b] nodes of each row the weights of their crowding."""
+    for b in range(len(size)):
+        for i in range(size[b]):
+            if crowding[b, i]:
+                set_weight(sums[b], i, (1.0 + crowding[b, i]) ** -exponent)

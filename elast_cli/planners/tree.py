@@ -163,6 +163,27 @@ def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _note_nearest(forest: Forest, b: int, i: int) -> None:
+    """Remember node i if none is nearer to the goal."""
+    gap = np.float32(0)
+    for d in range(forest.goal.shape[1]):
+        step = forest.latent[b, i, d] - forest.goal[b, d]
+        gap += step * step
+    if np.sqrt(gap) < forest.nearest_distance[b]:
+        forest.nearest_distance[b] = np.sqrt(gap)
+        forest.nearest[b] = i
+
+
+@njit(cache=True, nogil=True)
+def link(forest: Forest, b: int, parent: Int32) -> None:
+    """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal."""
+    for i in range(len(parent)):
+        if parent[i] != NONE:
+            _attach(forest, b, i, parent[i])
+        _note_nearest(forest, b, i)
+
+
+@njit(cache=True, nogil=True)
 def insert(
     forest: Forest, rows: Int64, latent: Float32, alive: Bool, parent: Int32, action: Float32
 ) -> Int32:
@@ -191,13 +212,7 @@ def insert(
             forest.action[b, i] = action[r, k]
             forest.depth[b, i] = forest.depth[b, parent[r, k]] + 1
             _attach(forest, b, i, parent[r, k])
-            gap = np.float32(0)
-            for d in range(latent.shape[2]):
-                step = latent[r, k, d] - forest.goal[b, d]
-                gap += step * step
-            if np.sqrt(gap) < forest.nearest_distance[b]:
-                forest.nearest_distance[b] = np.sqrt(gap)
-                forest.nearest[b] = i
+            _note_nearest(forest, b, i)
     return index
 
 
@@ -282,6 +297,18 @@ def rewire(
             forest.action[b, j] = action[e]
             taken += 1
     return taken
+
+
+@njit(cache=True, nogil=True)
+def lengths(x: Float32) -> Float32:
+    """Euclidean length [M] of each row [M,Z]."""
+    out = np.empty(len(x), np.float32)
+    for m in range(len(x)):
+        total = np.float32(0)
+        for d in range(x.shape[1]):
+            total += x[m, d] * x[m, d]
+        out[m] = np.sqrt(total)
+    return out
 
 
 def path_to(forest: Forest, b: int, node: int) -> list[int]:

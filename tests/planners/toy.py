@@ -73,11 +73,9 @@ class Box:
         near: Bool = self.support_distance(z) <= limit
         return near
 
-    def connect(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Float32]:
+    def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
         step = z_next - z - self.drift(self.context[row, 0])
-        action = (step / np.float32(REACH)).clip(-1, 1)
-        miss = self.step(z, action, row)[0] - z_next
-        return action, np.sqrt(miss[:, 0] ** 2 + miss[:, 1] ** 2)
+        return (step / np.float32(REACH)).clip(-1, 1)
 
 
 def problems(rows: int, seed: int = 0) -> Query:

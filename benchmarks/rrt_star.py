@@ -1,0 +1,204 @@
+"""Our rewiring beside OMPL's RRT* on a plane problem with exact dynamics (`pip install ompl`).
+
+A point in the S-shaped corridor moves straight by at most `RANGE` a step; a motion costs 1. Both
+planners get trees of the same number of nodes, the same start, goal and goal radius. Prints one
+JSON document: mean path cost and nodes a second of both, and their ratio.
+
+    python benchmarks/rrt_star.py --nodes 4000 --seeds 20
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from elast_cli.planners.base import Limits, Query, Radii
+from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
+from elast_cli.shapes import Bool, Float32, Int64
+
+RANGE = 0.07
+GOAL_RADIUS = 0.05
+START, GOAL = (0.1, 0.1), (0.9, 0.9)
+WALLS = np.array([(0.0, 0.31, 0.82, 0.35), (0.18, 0.65, 1.0, 0.69)])
+
+
+@njit(cache=True)
+def _free(a: Float32, b: Float32, walls: Any) -> bool:
+    """Whether the segment from a to b stays in the unit square and off the walls (slab test)."""
+    for d in range(2):
+        if b[d] < 0 or b[d] > 1:
+            return False
+    for w in range(walls.shape[0]):
+        enter, leave = 0.0, 1.0
+        for d in range(2):
+            step = b[d] - a[d]
+            low, high = walls[w, d] - a[d], walls[w, d + 2] - a[d]
+            if abs(step) < 1e-12:
+                if low > 0 or high < 0:
+                    leave = -1.0
+            else:
+                first, last = low / step, high / step
+                enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
+        if enter <= leave:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _all_free(a: Float32, b: Float32, walls: Any, out: Bool) -> None:
+    for i in range(len(a)):
+        out[i] = _free(a[i], b[i], walls)
+
+
+@dataclass
+class Plane:
+    """The corridor as a world to search: ψ is 0 for a possible motion, -1 for any other."""
+
+    latent_size: int = 2
+    action_size: int = 2
+    feature_size: int = 2
+    members: int = 1
+
+    def at(self, _context: Float32) -> Plane:
+        """The same for every context."""
+        return self
+
+    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
+        """A straight motion; actions beyond the unit disc are scaled back to it."""
+        length = np.linalg.norm(action, axis=1, keepdims=True).clip(1)
+        following = (z + np.float32(RANGE) * action / length).astype(np.float32)
+        return following, np.zeros(len(z), np.float32)
+
+    def features(self, z: Float32, row: Int64) -> Float32:
+        """The place itself."""
+        return z
+
+    def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
+        """0 where a motion within `RANGE` is free, else -1."""
+        a, b = features[source], features[target]
+        free = np.empty(len(a), np.bool_)
+        _all_free(a, b, WALLS, free)
+        near = np.linalg.norm(b - a, axis=1) <= RANGE * (1 + 1e-5)
+        return np.where(free & near, np.float32(0), np.float32(-1))
+
+    def support_distance(self, z: Float32) -> Float32:
+        """Everything is supported."""
+        return np.zeros(len(z), np.float32)
+
+    def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
+        """The exact action."""
+        return (z_next - z) / np.float32(RANGE)
+
+
+def ours(nodes: int, seed: int) -> tuple[float, int, float]:
+    """Path cost, nodes and seconds of our search grown to `nodes` nodes."""
+    config = TreeConfig(expansions=60 * nodes, duplicate_steps=0.0, support_quantile=None)
+    planner = ElastPlanner(
+        Plane().at,
+        config,
+        Limits(min_log_density=-0.5),
+        Radii(neighbor=RANGE, goal=GOAL_RADIUS, crowding=RANGE / 2),
+    )
+    start, goal = np.array([START], np.float32), np.array([GOAL], np.float32)
+    query = Query(start, goal, np.zeros((1, 0), np.float32), np.array([seed]))
+    search = Search(planner, query)
+    began = time.perf_counter()
+    while search.forest.size[0] < nodes and search.done < config.expansions:
+        search.expand()
+    seconds = time.perf_counter() - began
+    plan = search.best_plan()
+    cost = float(plan.length[0] - 1) if plan.reached[0] else float("inf")
+    return cost, int(search.forest.size[0]), seconds
+
+
+def theirs(nodes: int, _seed: int) -> tuple[float, int, float]:
+    """The same of OMPL's RRT*, whose random numbers run on from one call to the next."""
+    from ompl import base, geometric
+
+    class Motions(base.OptimizationObjective):  # type: ignore[misc]  # ompl has no types
+        """Every motion costs 1."""
+
+        def stateCost(self, _state: Any) -> Any:  # OMPL's name
+            return base.Cost(0.0)
+
+        def motionCost(self, _a: Any, _b: Any) -> Any:  # OMPL's name
+            return base.Cost(1.0)
+
+    space = base.RealVectorStateSpace(2)
+    bounds = base.RealVectorBounds(2)
+    bounds.setLow(0.0)
+    bounds.setHigh(1.0)
+    space.setBounds(bounds)
+    info = base.SpaceInformation(space)
+    walls = WALLS.tolist()
+    info.setStateValidityChecker(
+        lambda s: not any(w[0] <= s[0] <= w[2] and w[1] <= s[1] <= w[3] for w in walls)
+    )
+    info.setStateValidityCheckingResolution(0.005 / space.getMaximumExtent())
+    info.setup()
+    problem = base.ProblemDefinition(info)
+    ends = []
+    for place in (START, GOAL):
+        state = space.allocState()
+        state[0], state[1] = place
+        ends.append(state)
+    problem.setStartAndGoalStates(ends[0], ends[1], GOAL_RADIUS)
+    objective = Motions(info)
+    problem.setOptimizationObjective(objective)
+    planner = geometric.RRTstar(info)
+    planner.setRange(RANGE)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    data = base.PlannerData(info)
+    began, size = time.perf_counter(), 0
+    while size < nodes:
+        limit = planner.numIterations() + max(1, nodes - size)
+        stop = base.PlannerTerminationCondition(lambda: planner.numIterations() >= limit)  # noqa: B023
+        planner.solve(stop)
+        data = base.PlannerData(info)
+        planner.getPlannerData(data)
+        size = data.numVertices()
+    seconds = time.perf_counter() - began
+    exact = problem.hasExactSolution()
+    return (planner.bestCost().value() if exact else float("inf")), size, seconds
+
+
+def main() -> None:
+    """Run both and print the comparison."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--nodes", type=int, default=4000)
+    parser.add_argument("--seeds", type=int, default=20)
+    arguments = parser.parse_args()
+    from ompl import util
+
+    util.RNG.setSeed(1)
+    util.noOutputHandler()
+    ours(200, 0)  # compiles
+    result: dict[str, Any] = {"nodes": arguments.nodes, "seeds": arguments.seeds}
+    for name, planner in (("elast", ours), ("ompl_rrt_star", theirs)):
+        runs = [planner(arguments.nodes, seed) for seed in range(arguments.seeds)]
+        costs = np.array([cost for cost, _, _ in runs])
+        solved = np.isfinite(costs)
+        result[name] = {
+            "solved": int(solved.sum()),
+            "mean_path_cost": float(costs[solved].mean()),
+            "mean_nodes": float(np.mean([size for _, size, _ in runs])),
+            "nodes_per_second": float(
+                np.sum([size for _, size, _ in runs]) / np.sum([s for _, _, s in runs])
+            ),
+        }
+    mine, reference = (result[n]["mean_path_cost"] for n in ("elast", "ompl_rrt_star"))
+    result["path_cost_ratio"] = mine / reference
+    json.dump(result, sys.stdout, indent=1)
+    sys.stdout.write("\n")
+
+
+if __name__ == "__main__":
+    main()
