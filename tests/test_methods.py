@@ -178,10 +178,12 @@ def test_the_table_holds_these_methods_and_no_others() -> None:
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_a_methods_results_depend_on_the_sections_it_uses(name: str, tiny: Preset) -> None:
+def test_a_methods_results_depend_on_the_sections_it_uses(
+    name: str, env: str, tiny: Preset
+) -> None:
     method = METHODS[name]
     assert set(method.sections(tiny)) == set(method.uses)
-    changed = preset.load("quick", "block-s", [*TINY, "cem.horizon=6"])
+    changed = preset.load("quick", env, [*TINY, "cem.horizon=6"])
     assert (method.sections(tiny) != method.sections(changed)) == (name == "cpc-cem")
 
 

@@ -1,7 +1,7 @@
 """Draw a strip for every environment: `python docs/pictures/draw_environments.py`.
 
-Upper row: start and goal of two scenarios of each level. Lower row: every sixth frame of a random
-episode.
+Upper row: start and goal of four scenarios, as many of each level. Lower row: every sixth frame of
+a random episode.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from elast_cli import preset
 from elast_cli.envs import ENVS, EnvSpec, RandomPolicy, collect_episode, make, scenarios
 
 SCALE, GAP = 2, 4
@@ -27,13 +28,13 @@ def strip(entry: EnvSpec) -> Image.Image:
     """The picture of one environment."""
     env = make(entry.name)
     upper: list[np.ndarray] = []
+    count = 4 // len(entry.levels)
     for level in entry.levels:
-        for scenario in scenarios(entry.name, level, seed=0, count=2, domain="scenario-val"):
+        for scenario in scenarios(entry.name, level, seed=0, count=count, domain="scenario-val"):
             frame, info = env.reset(options={"scenario": scenario})
             upper += [frame, info["goal"]]
-    episode = collect_episode(
-        env, seed=0, index=0, length=50, policy=RandomPolicy(entry.action_size)
-    )
+    policy = RandomPolicy(entry.action_size, preset.load("standard", entry.name).collect.policy)
+    episode = collect_episode(env, seed=0, index=0, length=50, policy=policy)
     lower = list(episode.pixels[::6][: len(upper)])
     width = min(len(upper), len(lower))
     return Image.fromarray(np.concatenate([row(upper[:width]), row(lower[:width])]))

@@ -21,7 +21,8 @@ from elast_cli.envs.base import (
     Scenario,
     collect_episode,
 )
-from elast_cli.envs.block import Block, BlockConfig
+from elast_cli.envs.block import Block, BlockAsym, BlockAsymConfig, BlockConfig
+from elast_cli.envs.cable import Cable, CableConfig
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
@@ -90,6 +91,22 @@ ENVS: dict[str, EnvSpec] = {
             env_class=Block,
             config_class=BlockConfig,
             about="a block in an S-shaped corridor",
+            unit="workspace widths",
+        ),
+        EnvSpec(
+            name="block-asym",
+            gym_id="elast/BlockAsym-v0",
+            env_class=BlockAsym,
+            config_class=BlockAsymConfig,
+            about="a block in a ring whose one side is a one-way stream",
+            unit="workspace widths",
+        ),
+        EnvSpec(
+            name="cable",
+            gym_id="elast/Cable-v0",
+            env_class=Cable,
+            config_class=CableConfig,
+            about="a cable moved by one end between walls to a given shape",
             unit="workspace widths",
         ),
     )

@@ -58,15 +58,15 @@ class Level:
     Attributes:
         name: the word given to `--level`.
         max_steps: steps an episode may take.
-        min_shortest: least shortest number of steps of its scenarios.
-        max_shortest: greatest shortest number of steps of its scenarios.
+        min_shortest: least shortest number of steps of its scenarios, None where not computable.
+        max_shortest: greatest shortest number of steps of its scenarios, None likewise.
         about: one line for people.
     """
 
     name: str
     max_steps: int
-    min_shortest: int
-    max_shortest: int
+    min_shortest: int | None
+    max_shortest: int | None
     about: str
 
 

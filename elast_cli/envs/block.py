@@ -2,8 +2,9 @@
 
 The world is the unit square, x to the right and y up. An action is a displacement in units of
 `displacement`, per axis; pymunk moves the block at constant velocity for one step and lets it
-slide along what it touches, without friction or rotation. A member of the family is a set of
-rectangles: data.
+slide along what it touches, without friction or rotation. A stream carries the block along by a
+drift, added to the displacement of every step that begins with the centre in it. A member of the
+family is a set of rectangles: data.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from elast_cli.config import StrictModel
+from elast_cli.envs import picture
 from elast_cli.envs.base import (
-    FRAME_SIZE,
     ElastEnv,
     Frame,
     Level,
@@ -29,11 +30,11 @@ from elast_cli.envs.base import (
 )
 from elast_cli.envs.shortest import Lattice, Rect, lattice
 
-_BACKGROUND = (244.0, 243.0, 238.0)
-_WALL = (52.0, 58.0, 70.0)
+_STREAM = (150.0, 198.0, 232.0)
 _BLOCK = (222.0, 60.0, 34.0)
 _CELL = 0.005  # of the lattice that shortest steps are counted on; every length is a multiple
 _STARTS_PER_GOAL = 64
+AGAINST_TOLERANCE = 0.02  # workspace widths; a true step in the stream leads 0.03 down it or more
 
 
 class BlockConfig(StrictModel):
@@ -102,10 +103,11 @@ class Block(ElastEnv):
         substeps = self.config.substeps
         dt = 1.0 / substeps
         speed = self.config.displacement
+        drift = self._drift()
         # "Gravity" sets the velocity just before contacts are solved: walls see the full command.
         self._space.gravity = (
-            float(action[0]) * speed / dt,
-            float(action[1]) * speed / dt,
+            (float(action[0]) * speed + drift[0]) / dt,
+            (float(action[1]) * speed + drift[1]) / dt,
         )
         self._body.velocity = (0.0, 0.0)
         for _ in range(substeps + 1):  # the first moves nothing: positions use the velocity before
@@ -116,7 +118,7 @@ class Block(ElastEnv):
         x, y = self._body.position
         size = self.config.half_size
         image = self._background[0].copy()
-        rows, columns, patch = _blend(
+        rows, columns, patch = picture.rectangle(
             self._background[1], (x - size, y - size, x + size, y + size), _BLOCK
         )
         image[rows, columns] = patch
@@ -136,14 +138,15 @@ class Block(ElastEnv):
     ) -> Scenario:
         """A random scenario of a level, its shortest steps inside the level's bounds."""
         rules = self.level(level)
+        least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
         while True:
             goal, region = self._draw_goal(level, rng)
             field = self.lattice.field(goal, self.success_radius)
             for _ in range(_STARTS_PER_GOAL):
                 start = self._free_place(region, rng)
                 shortest = self.lattice.steps(field, start)
-                bounded = rules.min_shortest <= shortest <= rules.max_shortest
-                if bounded and not self.sees(start, goal):
+                bounded = least <= shortest <= most
+                if bounded and self._asks(start, goal):
                     return Scenario(start, goal, level, index, seed, empty_layout(), shortest)
 
     @property
@@ -183,13 +186,22 @@ class Block(ElastEnv):
         size = self.config.half_size
         return [(a - size, b - size, c + size, d + size) for a, b, c, d in self.config.walls]
 
+    def _drift(self) -> tuple[float, float]:
+        """What the step that begins now is carried along by."""
+        return 0.0, 0.0
+
+    def _asks(self, start: Vector, goal: Vector) -> bool:
+        """Whether a scenario is worth asking: no straight line solves it."""
+        return not self.sees(start, goal)
+
+    def _paint(self) -> NDArray[np.float64]:
+        """The empty world, f64 [64, 64, 3]."""
+        return picture.empty(self.config.walls)
+
     @cached_property
     def _background(self) -> tuple[Frame, NDArray[np.float64]]:
         """The empty world, u8 [64, 64, 3], and the same unrounded."""
-        image = np.full((FRAME_SIZE, FRAME_SIZE, 3), _BACKGROUND)
-        for wall in self.config.walls:
-            rows, columns, patch = _blend(image, wall, _WALL)
-            image[rows, columns] = patch
+        image = self._paint()
         return np.round(image).astype(np.uint8), image
 
     def _obstacles(self, body: pymunk.Body) -> list[pymunk.Poly]:
@@ -202,25 +214,86 @@ class Block(ElastEnv):
         return np.array([(rect[0] + rect[2]) / 2, (rect[1] + rect[3]) / 2], dtype=np.float32)
 
 
-def _blend(
-    image: NDArray[np.float64], rect: Rect, colour: tuple[float, float, float]
-) -> tuple[slice, slice, NDArray[np.float64]]:
-    """Rows, columns and content [h, w, 3] of `image` where a rectangle is painted over it.
+class BlockAsymConfig(BlockConfig):
+    """The same for a world with a stream. The defaults are BlockAsym; `ends` are start and goal."""
 
-    A pixel takes as much of the colour as the rectangle covers of it: exact, both are axis-aligned.
+    walls: tuple[Rect, ...] = ((0.22, 0.22, 0.66, 0.78),)
+    ends: tuple[Rect, Rect] = ((0.71, 0.05, 0.95, 0.45), (0.71, 0.83, 0.95, 0.95))
+    substeps: int = Field(40, ge=1, description="physics steps per environment step")
+    stream: Rect = (0.66, 0.22, 1.0, 0.78)
+    drift: tuple[float, float] = Field((0.0, -0.1), description="in the stream, of a step")
+
+
+class BlockAsym(Block):
+    """BlockAsym: a ring whose right side is a one-way stream (Sec. 5.1, 5.2). State: (x, y).
+
+    The one level, `upstream`, asks for a place that is near only against the stream.
     """
-    columns, across = _coverage(rect[0] * FRAME_SIZE, rect[2] * FRAME_SIZE)
-    rows, down = _coverage((1 - rect[3]) * FRAME_SIZE, (1 - rect[1]) * FRAME_SIZE)
-    below = image[rows, columns]
-    share = (down[:, None] * across)[:, :, None]
-    return rows, columns, below + share * (np.asarray(colour) - below)
 
+    levels: ClassVar[dict[str, Level]] = {
+        "upstream": Level("upstream", 60, 20, 40, "up the stream's side: the way leads round"),
+    }
 
-def _coverage(low: float, high: float) -> tuple[slice, NDArray[np.float64]]:
-    """Pixels that the interval [low, high] touches, and the covered share of each."""
-    first, last = max(math.floor(low), 0), min(math.ceil(high), FRAME_SIZE)
-    share = [min(i + 1, high) - max(i, low) for i in range(first, last)]
-    return slice(first, last), np.array(share)
+    def __init__(
+        self, config: BlockAsymConfig | None = None, *, render_mode: str | None = None
+    ) -> None:
+        """Build the world of a configuration."""
+        config = config or BlockAsymConfig()
+        self._asym = config
+        super().__init__(config, render_mode=render_mode)
+
+    @property
+    def lattice(self) -> Lattice:
+        """One-step moves of the block's centre, for shortest steps under the stream."""
+        size = self.config.half_size
+        return lattice(
+            tuple(self._grown),
+            low=size,
+            high=1 - size,
+            step=self.config.displacement,
+            cell=_CELL,
+            stream=self._asym.stream,
+            drift=self._asym.drift,
+        )
+
+    def in_stream(self, place: Vector, *, margin: float = 0.0) -> bool:
+        """Whether a centre f32 [2] lies in the stream, at least `margin` from its edge."""
+        a, b, c, d = self._asym.stream
+        x, y = float(place[0]), float(place[1])
+        return a + margin <= x <= c - margin and b + margin <= y <= d - margin
+
+    def against_stream(
+        self, before: Vector, after: Vector, *, tolerance: float = AGAINST_TOLERANCE
+    ) -> bool:
+        """Whether one step from a state f32 [2] in the stream to another leads up the stream.
+
+        A true step leads down it by at least the drift less the displacement. For states that are
+        decoded, hence noisy: `before` lies in the stream by more than `tolerance`, and `after`
+        lies up the stream from there by more than `tolerance`, in workspace widths.
+        """
+        drift = np.array(self._asym.drift)
+        along = (np.asarray(after, dtype=np.float64) - before) @ drift / np.hypot(*drift)
+        return self.in_stream(before, margin=tolerance) and bool(along < -tolerance)
+
+    def _drift(self) -> tuple[float, float]:
+        return self._asym.drift if self.in_stream(self.state) else (0.0, 0.0)
+
+    def _asks(self, start: Vector, goal: Vector) -> bool:
+        """Whether the block could go straight to the goal if there were no stream."""
+        return self.sees(start, goal)
+
+    def _draw_goal(self, level: str, rng: np.random.Generator) -> tuple[Vector, Rect]:
+        return self._free_place(self.config.ends[1], rng), self.config.ends[0]
+
+    def _paint(self) -> NDArray[np.float64]:
+        image = picture.empty(())
+        for rect, colour in (
+            (self._asym.stream, _STREAM),
+            *((wall, picture.WALL) for wall in self.config.walls),
+        ):
+            rows, columns, patch = picture.rectangle(image, rect, colour)
+            image[rows, columns] = patch
+        return image
 
 
 def _crosses(start: Vector, end: Vector, rect: Rect) -> bool:

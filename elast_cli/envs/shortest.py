@@ -2,8 +2,9 @@
 
 The centre of a block moves over a lattice that is aligned with every wall. One step is any
 displacement within an L-infinity ball, made at constant velocity; where a wall blocks one axis, the
-other goes on (sliding), round the wall's corner too. Walls and step lengths are whole numbers of
-cells, so endpoints need rounding to the lattice only where a corner is rounded.
+other goes on (sliding), round the wall's corner too. A stream adds its drift to every step that
+begins in it. Walls, step lengths and drifts are whole numbers of cells, so endpoints need rounding
+to the lattice only where a corner is rounded.
 """
 
 from __future__ import annotations
@@ -26,13 +27,23 @@ class Lattice:
     """All one-step moves of a point in [low, high]^2 minus open rectangles; made once per layout.
 
     `into[y, x, dy, dx]` (u8) says whether one step leads from cell (x - dx, y - dy) to cell (x, y);
-    dx and dy count from -reach. A field, i16 [ny, nx], holds every cell's steps to a goal region.
+    dx and dy count from `least`. A field, i16 [ny, nx], holds every cell's steps to a goal region.
     """
 
     def __init__(
-        self, walls: Sequence[Rect], *, low: float, high: float, step: float, cell: float
+        self,
+        walls: Sequence[Rect],
+        *,
+        low: float,
+        high: float,
+        step: float,
+        cell: float,
+        stream: Rect | None = None,
+        drift: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Compute every move; `walls` as the point meets them, all lengths multiples of `cell`.
+
+        A step that begins inside `stream`, its edge included, is displaced by `drift` as well.
 
         Raises:
             ConfigError: if a length is not a multiple of the cell.
@@ -40,16 +51,23 @@ class Lattice:
         self.low, self.cell = low, cell
         self.size = _cells(high - low, cell) + 1
         self.reach = _cells(step, cell)
-        corners = [[_cells(side - low, cell) for side in wall] for wall in walls]
-        self.walls = np.array(corners, dtype=np.float64).reshape(-1, 4)
-        self.into: NDArray[np.uint8] = _moves(self.walls, self.size, self.reach)
+        self.walls = _in_cells(walls, low, cell)
+        self.stream = _in_cells([stream] if stream else [], low, cell)
+        self.drift = np.array([_cells(part, cell) for part in drift], dtype=np.int64)
+        self.least: NDArray[np.int64] = np.minimum(self.drift, 0) - self.reach
+        most = np.maximum(self.drift, 0) + self.reach
+        self.into: NDArray[np.uint8] = _moves(
+            self.walls, self.size, self.reach, self.stream, self.drift, self.least, most
+        )
 
     def field(self, goal: NDArray[np.floating], radius: float) -> NDArray[np.int16]:
         """Steps from every cell to the disc of `radius` round a goal [2]: i16 [ny, nx], or -1."""
         axis = self.low + self.cell * np.arange(self.size)
         disc = np.hypot(axis[None, :] - goal[0], axis[:, None] - goal[1]) <= radius + 1e-9
         inside: NDArray[np.uint8] = disc.astype(np.uint8)
-        steps: NDArray[np.int16] = _flood(self.into, inside & _free_cells(self.walls, self.size))
+        steps: NDArray[np.int16] = _flood(
+            self.into, inside & _free_cells(self.walls, self.size), self.least
+        )
         return steps
 
     def steps(self, field: NDArray[np.int16], place: NDArray[np.floating]) -> int:
@@ -65,6 +83,8 @@ class Lattice:
         """Where each action f [M, 2] in [-1, 1] leads from one place [2], sliding: f64 [M, 2]."""
         spot = self._outside((np.asarray(place, dtype=np.float64) - self.low) / self.cell)
         moves = np.asarray(actions, dtype=np.float64) * self.reach
+        if _carried(spot[0], spot[1], self.stream):
+            moves = moves + self.drift
         last = self.size - 1.0
         ends = [_slide(spot[0], spot[1], dx, dy, self.walls, last) for dx, dy in moves]
         return self.low + self.cell * np.array(ends)
@@ -82,10 +102,17 @@ class Lattice:
 
 @lru_cache(maxsize=4)
 def lattice(
-    walls: tuple[Rect, ...], *, low: float, high: float, step: float, cell: float
+    walls: tuple[Rect, ...],
+    *,
+    low: float,
+    high: float,
+    step: float,
+    cell: float,
+    stream: Rect | None = None,
+    drift: tuple[float, float] = (0.0, 0.0),
 ) -> Lattice:
     """The lattice of a layout, kept for the next caller."""
-    return Lattice(walls, low=low, high=high, step=step, cell=cell)
+    return Lattice(walls, low=low, high=high, step=step, cell=cell, stream=stream, drift=drift)
 
 
 def _cells(length: float, cell: float) -> int:
@@ -95,10 +122,25 @@ def _cells(length: float, cell: float) -> int:
     return count
 
 
+def _in_cells(rects: Sequence[Rect], low: float, cell: float) -> Floats:
+    """Rectangles [M, 4], counted in cells from `low`."""
+    corners = [[_cells(side - low, cell) for side in rect] for rect in rects]
+    return np.array(corners, dtype=np.float64).reshape(-1, 4)
+
+
 @njit(cache=True)
 def _inside(x: float, y: float, walls: Floats) -> bool:
     for i in range(walls.shape[0]):
         if walls[i, 0] < x < walls[i, 2] and walls[i, 1] < y < walls[i, 3]:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _carried(x: float, y: float, stream: Floats) -> bool:
+    """Whether a stream [0 or 1, 4] takes hold at a place."""
+    for i in range(stream.shape[0]):
+        if stream[i, 0] <= x <= stream[i, 2] and stream[i, 1] <= y <= stream[i, 3]:
             return True
     return False
 
@@ -143,29 +185,42 @@ def _free_cells(walls: Floats, size: int) -> NDArray[np.uint8]:
 
 
 @njit(cache=True)
-def _moves(walls: Floats, size: int, reach: int) -> NDArray[np.uint8]:
-    span = 2 * reach + 1
-    into = np.zeros((size, size, span, span), dtype=np.uint8)
+def _moves(
+    walls: Floats,
+    size: int,
+    reach: int,
+    stream: Floats,
+    drift: NDArray[np.int64],
+    least: NDArray[np.int64],
+    most: NDArray[np.int64],
+) -> NDArray[np.uint8]:
+    span_x, span_y = most - least + 1
+    into = np.zeros((size, size, span_y, span_x), dtype=np.uint8)
     for y in range(size):
         for x in range(size):
             if _inside(x, y, walls):
                 continue
-            for dy in range(-reach, reach + 1):
-                for dx in range(-reach, reach + 1):
+            carried = _carried(x, y, stream)
+            for ay in range(-reach, reach + 1):
+                for ax in range(-reach, reach + 1):
+                    dx, dy = ax, ay
+                    if carried:
+                        dx, dy = ax + drift[0], ay + drift[1]
                     tx = min(max(x + dx, 0), size - 1)
                     ty = min(max(y + dy, 0), size - 1)
                     if not _clear(x, y, tx, ty, walls):
                         end = _slide(float(x), float(y), float(dx), float(dy), walls, size - 1.0)
                         tx, ty = int(np.floor(end[0] + 0.5)), int(np.floor(end[1] + 0.5))
-                    into[ty, tx, ty - y + reach, tx - x + reach] = 1
+                    into[ty, tx, ty - y - least[1], tx - x - least[0]] = 1
     return into
 
 
 @njit(cache=True)
-def _flood(into: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.int16]:
+def _flood(
+    into: NDArray[np.uint8], goal: NDArray[np.uint8], least: NDArray[np.int64]
+) -> NDArray[np.int16]:
     """Breadth-first search backwards from the goal cells: i16 [ny, nx]."""
-    size, span = into.shape[0], into.shape[2]
-    reach = span // 2
+    size = into.shape[0]
     steps = np.full((size, size), UNREACHABLE, dtype=np.int16)
     queue = np.empty(size * size, dtype=np.int32)
     head, tail = 0, 0
@@ -177,11 +232,11 @@ def _flood(into: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.int16
     while head < tail:
         y, x = queue[head] // size, queue[head] % size
         head += 1
-        for dy in range(span):
-            for dx in range(span):
+        for dy in range(into.shape[2]):
+            for dx in range(into.shape[3]):
                 if not into[y, x, dy, dx]:
                     continue
-                sy, sx = y - dy + reach, x - dx + reach
+                sy, sx = y - dy - least[1], x - dx - least[0]
                 if steps[sy, sx] == UNREACHABLE:
                     steps[sy, sx] = steps[y, x] + 1
                     queue[tail] = sy * size + sx

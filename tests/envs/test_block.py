@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import Scenario, scenarios
+from elast_cli.envs import Scenario, make, scenarios
 from elast_cli.envs.base import empty_layout
 from elast_cli.envs.block import Block, BlockConfig
 from elast_cli.envs.shortest import UNREACHABLE, Lattice
@@ -149,12 +149,16 @@ def greedy_steps(env: Block, scenario: Scenario, limit: int) -> int | None:
     return None
 
 
-@pytest.mark.parametrize(("level", "count"), [("medium", 20), ("hard", 12)])
+@pytest.mark.parametrize(
+    ("name", "level", "count"),
+    [("block-s", "medium", 20), ("block-s", "hard", 12), ("block-asym", "upstream", 12)],
+)
 def test_shortest_steps_are_met_and_never_beaten_in_the_physics_engine(
-    level: str, count: int
+    name: str, level: str, count: int
 ) -> None:
-    env = Block()
-    for scenario in scenarios("block-s", level, seed=11, count=count, domain="scenario-val"):
+    env = make(name)
+    assert isinstance(env, Block)
+    for scenario in scenarios(name, level, seed=11, count=count, domain="scenario-val"):
         assert scenario.shortest is not None
         steps = greedy_steps(env, scenario, limit=60)
         assert steps is not None

@@ -1,0 +1,307 @@
+"""The cable: physics, pictures, independent goals, and a privileged hand that reaches them."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elast_cli.envs import Scenario, scenarios
+from elast_cli.envs.base import empty_layout
+from elast_cli.envs.cable import SEGMENTS, Cable
+
+Attempt = tuple[float, list[np.ndarray]]  # least distance to the goal, actions up to there
+
+
+def straight(head: tuple[float, float], towards: tuple[float, float]) -> Cable:
+    """A world with a straight cable that lies from its head into a direction of length 1."""
+    env = Cable()
+    parts = np.arange(SEGMENTS + 1)[:, None] * env.config.length / SEGMENTS
+    env.set_state((np.array(head) + parts * np.array(towards)).ravel(), empty_layout())
+    return env
+
+
+def push(env: Cable, x: float, y: float, steps: int = 1) -> np.ndarray:
+    """Nodes [17, 2] after an action held for some steps."""
+    for _ in range(steps):
+        env.advance(np.array([x, y], dtype=np.float32))
+    return env.state.reshape(-1, 2)
+
+
+def crosses(env: Cable, start: np.ndarray, end: np.ndarray, margin: float = 0.0) -> bool:
+    """Whether a straight line meets a wall grown by `margin`."""
+    places = start + np.linspace(0, 1, 200)[:, None] * (end - start)
+    return any(
+        bool(
+            ((places > (a - margin, b - margin)) & (places < (c + margin, d + margin))).all(1).any()
+        )
+        for a, b, c, d in env.config.walls
+    )
+
+
+def route(env: Cable, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    """The shortest way between two places round the walls' corners, its turns."""
+    room = env.config.radius + 0.01
+    corners = [
+        np.array([x, y])
+        for a, b, c, d in env.config.walls
+        for x in (a - room, c + room)
+        for y in (b - room, d + room)
+        if room < y < 1 - room
+    ]
+    spots = [start, *corners, end]
+    queue: list[tuple[float, int, list[int]]] = [(0.0, 0, [0])]
+    done = set()
+    while queue:
+        length, spot, way = heapq.heappop(queue)
+        if spot == len(spots) - 1:
+            return [spots[i] for i in way]
+        if spot in done:
+            continue
+        done.add(spot)
+        for i in range(len(spots)):
+            if i not in done and not crosses(env, spots[spot], spots[i], env.config.radius):
+                far = length + float(np.hypot(*(spots[i] - spots[spot])))
+                heapq.heappush(queue, (far, i, [*way, i]))
+    return [start, end]
+
+
+def follow(env: Cable, scenario: Scenario, way: np.ndarray, limit: int) -> Attempt:
+    """Least distance to the goal while the head follows `way`, and the actions up to it."""
+    env.set_state(scenario.start, scenario.layout)
+    actions: list[np.ndarray] = []
+    best, best_step, at = np.inf, 0, 0
+    while len(actions) < limit and at < len(way) - 2 and best > env.success_radius:
+        head = env.state[:2]
+        at += int(np.argmin(np.hypot(*(way[at : at + 12] - head).T)))
+        ahead = np.abs(way[at : at + 14] - head).max(1) <= env.config.displacement
+        target = at + (int(np.argmin(ahead)) - 1 if not ahead.all() else len(ahead) - 1)
+        target = min(at + 5, len(way) - 1) if target <= at else target
+        actions.append(np.clip((way[target] - head) / env.config.displacement, -1, 1))
+        env.advance(actions[-1].astype(np.float32))
+        if (gap := env.distance(env.state, scenario.goal)) < best:
+            best, best_step = gap, len(actions)
+    return best, actions[:best_step]
+
+
+def guided(env: Cable, scenario: Scenario, *, limit: int, tries: int) -> Attempt:
+    """Least distance to the goal that a hand with full knowledge reaches, and its actions.
+
+    The head goes, by some random places, to the goal's tail and from there along the goal; then the
+    best four attempts are varied at random, ten times as often.
+    """
+    rng = np.random.default_rng(scenario.index)
+    shape = scenario.goal.reshape(-1, 2).astype(float)
+    best: list[Attempt] = []
+    for attempt in range(11 * tries):
+        if attempt < tries:
+            first, last = int(rng.integers(0, 3)), SEGMENTS + 1 - int(rng.integers(0, 12))
+            aside = rng.normal(0, 0.03, 2) * (attempt % 2)
+            shaped = list(shape[first:last][::-1] + aside)
+            turns = [scenario.start[:2].astype(float)]
+            for place in (*rng.uniform(0.03, 0.97, (rng.integers(0, 3), 2)), shaped[0]):
+                turns += route(env, turns[-1], place)[1:]
+            found = follow(env, scenario, dense([*turns, *shaped[1:]]), limit)
+            best = sorted([*best, found], key=lambda pair: pair[0])[:4]
+        else:
+            which = int(rng.integers(0, len(best)))
+            found = varied(env, scenario, best[which][1], rng, limit)
+            best[which] = min(best[which], found, key=lambda pair: pair[0])
+            best.sort(key=lambda pair: pair[0])
+        if best[0][0] <= env.success_radius:
+            break
+    return best[0]
+
+
+def dense(turns: list[np.ndarray]) -> np.ndarray:
+    """Places about 0.005 apart along straight lines between turns."""
+    lines = [
+        one
+        + np.linspace(0, 1, max(2, int(np.hypot(*(other - one)) / 0.005)))[:-1, None]
+        * (other - one)
+        for one, other in itertools.pairwise(turns)
+    ]
+    return np.concatenate([*lines, turns[-1:]])
+
+
+def varied(
+    env: Cable, scenario: Scenario, actions: list[np.ndarray], rng: np.random.Generator, limit: int
+) -> Attempt:
+    """Least distance to the goal under actions of which some are changed, and the actions."""
+    more = np.tile(rng.uniform(-1, 1, 2), (int(rng.integers(0, 5)), 1))
+    changed = np.concatenate([np.array(actions).reshape(-1, 2), more])[:limit]
+    first = int(rng.integers(0, len(changed)))
+    changed[first : first + int(rng.integers(1, 12))] += rng.choice([0.15, 0.3, 0.6]) * rng.normal(
+        size=2
+    )
+    changed = np.clip(changed, -1, 1)
+    env.set_state(scenario.start, scenario.layout)
+    gaps = []
+    for action in changed:
+        env.advance(action.astype(np.float32))
+        gaps.append(env.distance(env.state, scenario.goal))
+        if gaps[-1] <= env.success_radius:
+            break
+    last = int(np.argmin(gaps))
+    return gaps[last], list(changed[: last + 1])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_walls_are_never_crossed_and_segments_keep_together(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    env = Cable()
+    env.set_state(*env.sample_start(rng))
+    part = env.config.length / SEGMENTS
+    for _ in range(15):
+        action = rng.choice([-1.0, 0.0, 1.0], 2)
+        for _ in range(6):
+            before = env.state.reshape(-1, 2)
+            nodes = push(env, *action)
+            assert env.clearance(nodes) > 0.5 * env.config.radius  # its skin bends, no more
+            assert not any(crosses(env, *pair) for pair in itertools.pairwise(nodes))
+            assert np.hypot(*np.diff(nodes, axis=0).T) == pytest.approx(part, abs=0.2 * part)
+            moved = np.hypot(*(nodes - before).T)
+            assert moved.max() < 3 * env.config.displacement  # nothing snaps
+
+
+def test_an_action_moves_the_head_by_its_displacement_and_drags_the_rest() -> None:
+    env = straight((0.5, 0.3), (0, 1))
+    nodes = push(env, 0, -1)
+    assert nodes[0] == pytest.approx([0.5, 0.25], abs=2e-3)
+    assert nodes[-1] == pytest.approx([0.5, 0.65], abs=4e-3)
+    nodes = push(env, -0.5, 0.25)
+    assert nodes[0] == pytest.approx([0.475, 0.2625], abs=2e-3)
+
+
+def test_a_cable_that_is_left_alone_keeps_place_and_shape() -> None:
+    env = Cable()
+    for scenario in scenarios("cable", "standard", seed=0, count=10):
+        env.set_state(scenario.goal, scenario.layout)
+        push(env, 0, 0, steps=20)
+        assert env.distance(env.state, scenario.goal) < env.success_radius / 3
+
+
+def test_no_motion_is_left_that_a_picture_could_not_show() -> None:
+    """Setting the state anew forgets hardly anything, and what is left alone hardly creeps."""
+    apart, crept = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        moving, resting = Cable(), Cable()
+        moving.set_state(*moving.sample_start(rng))
+        for _ in range(8):
+            first, second = rng.uniform(-1, 1, 2)
+            push(moving, first, second, steps=2)
+            resting.set_state(moving.state, empty_layout())
+            action = rng.uniform(-1, 1, 2)
+            push(moving, *action)
+            push(resting, *action)
+            apart.append(moving.distance(moving.state, resting.state))
+            before = moving.state
+            push(moving, 0, 0)
+            crept.append(moving.distance(moving.state, before))
+    pixel = 1 / 64
+    assert max(np.median(apart), np.median(crept)) < pixel / 6
+    assert max(np.quantile(apart, 0.95), np.quantile(crept, 0.95)) < pixel / 3
+
+
+def test_a_pushed_cable_bends_over_many_joints_and_does_not_pile_up_at_the_head() -> None:
+    env = straight((0.5, 0.25), (0, 1))
+    lines = np.diff(push(env, 1, 1, steps=5), axis=0)
+    bends = np.abs(np.diff(np.unwrap(np.arctan2(lines[:, 1], lines[:, 0]))))
+    assert bends.max() < env.config.bend + 0.1
+    assert (bends > 0.1).sum() >= 5
+
+
+def test_the_head_stops_at_a_wall_and_goes_back_at_once() -> None:
+    env = straight((0.45, 0.2), (0, 1))
+    nodes = push(env, -1, 0, steps=8)
+    assert nodes[0, 0] == pytest.approx(0.35 + env.config.radius, abs=5e-3)
+    assert push(env, 1, 0)[0, 0] > nodes[0, 0] + 0.8 * env.config.displacement
+
+
+def test_a_state_comes_back_as_it_was_set() -> None:
+    env = Cable()
+    for scenario in scenarios("cable", "standard", seed=1, count=5):
+        env.set_state(scenario.start, scenario.layout)
+        assert env.state == pytest.approx(scenario.start, abs=1e-6)
+
+
+def test_the_distance_is_the_mean_over_nodes() -> None:
+    env = straight((0.5, 0.3), (0, 1))
+    goal = env.state.reshape(-1, 2).copy()
+    goal[:, 0] += 0.03
+    goal[:, 1] -= 0.04
+    assert env.distance(env.state, goal.ravel()) == pytest.approx(0.05, abs=1e-6)
+    turned = env.state.reshape(-1, 2)[::-1].ravel()
+    assert env.distance(env.state, turned) > 0.2  # head and tail are not alike
+
+
+def test_the_picture_shows_walls_cable_and_which_end_is_the_head() -> None:
+    frame = straight((0.5, 0.3), (0, 1)).frame().astype(int)
+    assert tuple(frame[60, 21]) == (52, 58, 70)
+    assert tuple(frame[4, 42]) == (52, 58, 70)
+    head, tail = frame[64 - 20, 32], frame[64 - 44, 32]
+    assert head[0] > head[2] + 80
+    assert tail[2] > tail[0] + 80
+    assert (frame[10, 10] > 230).all()
+
+
+def test_a_move_far_below_a_pixel_changes_the_picture() -> None:
+    assert not np.array_equal(
+        straight((0.5, 0.3), (0, 1)).frame(), straight((0.5005, 0.3), (0, 1)).frame()
+    )
+
+
+def test_the_picture_holds_as_much_cable_wherever_it_is() -> None:
+    painted = []
+    for x in np.linspace(0.45, 0.55, 9):
+        frame = straight((x, 0.3), (0.1, 0.995)).frame().astype(float)
+        painted.append(np.abs(frame - straight((0.2, 0.5), (0, 1)).frame())[:, 24:41].sum())
+    assert np.ptp(painted) < 0.03 * np.mean(painted)
+
+
+def test_starts_touch_nothing_and_lie_everywhere() -> None:
+    env = Cable()
+    rng = np.random.default_rng(0)
+    starts = np.array([env.sample_start(rng)[0].reshape(-1, 2) for _ in range(400)])
+    assert min(env.clearance(nodes) for nodes in starts) >= env.config.radius
+    thirds = np.histogram(starts[:, 0, 0], bins=[0, 0.33, 0.67, 1])[0] / len(starts)
+    assert thirds.min() > 0.15
+
+
+def test_start_and_goal_are_independent_and_many_ways_lead_round_a_wall() -> None:
+    env = Cable()
+    drawn = scenarios("cable", "standard", seed=0, count=80, domain="scenario-val")
+    apart = [env.distance(scenario.start, scenario.goal) for scenario in drawn]
+    assert min(apart) >= env.config.apart
+    assert np.median(apart) > 0.35
+    starts, goals = (
+        np.array([getattr(s, end).reshape(-1, 2).mean(0) for s in drawn])
+        for end in ("start", "goal")
+    )
+    assert abs(np.corrcoef(starts[:, 0], goals[:, 0])[0, 1]) < 0.3
+    blocked = [
+        any(crosses(env, *ends) for ends in zip(*nodes(scenario), strict=True))
+        for scenario in drawn
+    ]
+    assert np.mean(blocked) > 0.35
+
+
+def nodes(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of start and goal."""
+    return scenario.start.reshape(-1, 2), scenario.goal.reshape(-1, 2)
+
+
+def test_a_hand_with_full_knowledge_reaches_the_goals_within_the_budget() -> None:
+    env = Cable()
+    limit = env.level("standard").max_steps
+    gaps = [
+        guided(env, scenario, limit=limit, tries=60)[0]
+        for scenario in scenarios("cable", "standard", seed=0, count=10, domain="scenario-val")
+    ]
+    assert np.mean(np.array(gaps) <= env.success_radius) >= 0.9
