@@ -25,6 +25,7 @@ NETWORKS = {  # called by each function of the world
     "features": ("first",),
     "log_density": ("rest",),
     "connect": ("policy", "ensemble"),
+    "act": ("policy",),
 }
 
 
