@@ -23,6 +23,8 @@ class ControlConfig(StrictModel):
 
     replan_every: int = Field(default=20, ge=1)
     lookahead: int = Field(default=3, ge=1)
+    patience: int = Field(default=3, ge=1)  # steps without moving that make a plan fail
+    stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,19 @@ class Follower(Protocol):
 
 @dataclass(frozen=True)
 class Route:
-    """Plans of B rows being followed: states [B,T,Z], actions [B,T-1,A], length, progress [B]."""
+    """Plans of B rows being followed.
+
+    Attributes:
+        states, actions: [B,T,Z], [B,T-1,A].
+        length, progress: number of states, and where in them a row is [B].
+        aim: the latent [B,Z] that was last aimed at.
+    """
 
     states: Float32
     actions: Float32
     length: Int64
     progress: Int64
+    aim: Float32
 
     def actions_left(self) -> Float32:
         """Actions not yet played [B,T-1,A]; zero past the end."""
@@ -97,7 +106,7 @@ class Route:
         actions[rows] = _padded(plan.actions, longest - 1)
         length, progress = self.length.copy(), self.progress.copy()
         length[rows], progress[rows] = plan.length, 0
-        return Route(states, actions, length, progress)
+        return Route(states, actions, length, progress, self.aim)
 
 
 def _padded(x: Float32, length: int) -> Float32:
@@ -129,7 +138,7 @@ class TrackStates:
         progress = window[rows, gap.argmin(1)]
         aim = np.minimum(progress + 1, route.length - 1)
         target = np.where((progress >= route.length - 1)[:, None], goal, route.states[rows, aim])
-        return self.policy(z, target, context), replace(route, progress=progress)
+        return self.policy(z, target, context), replace(route, progress=progress, aim=target)
 
 
 @dataclass(frozen=True)
@@ -187,64 +196,118 @@ class PlanLog:
 
 @dataclass(frozen=True)
 class Following:
-    """State of `Replan`: the task in latent space, the routes, the step, and the plans' log.
+    """State of `Replan`.
 
-    `memory` [B] is the planner's own, handed back to it when it replans.
+    Attributes:
+        task: the task, and its goals in latent space [B,Z].
+        route: the plans being followed.
+        z: latents at the step before [B,Z].
+        age: steps since each row's last plan [B].
+        stalled: steps in a row without moving [B].
+        log: what planning cost and found.
+        memory: the planner's own [B], handed back to it when it replans.
+        failed: transitions [M,2,Z] of each row [B] that were tried in vain.
     """
 
     task: Task
     goal: Float32
     route: Route | None
-    step: int
+    z: Float32
+    age: Int64
+    stalled: Int64
     log: PlanLog
     memory: tuple[object, ...]
+    failed: tuple[Float32, ...]
 
 
 @dataclass(frozen=True)
 class Replan:
-    """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c)."""
+    """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c).
+
+    A row that has not moved farther than `stall_distance` for `patience` steps plans again at once,
+    and the transition that it tried in vain is remembered for the rest of the episode.
+    """
 
     estimator: Estimator
     planner: Planner
     follower: Follower
     every: int
+    patience: int = 0
+    stall_distance: float = 0.0
 
     def begin(self, task: Task) -> Following:
         """Encode the goals."""
         goal = self.estimator(task.goal, task.context)
-        nothing = (None,) * len(goal)
-        return Following(task, goal, None, 0, PlanLog.empty(len(goal)), nothing)
+        rows = len(goal)
+        zero = np.zeros(rows, np.int64)
+        none = np.zeros((0, 2, goal.shape[1]), np.float32)
+        log = PlanLog.empty(rows)
+        return Following(task, goal, None, goal, zero, zero, log, (None,) * rows, (none,) * rows)
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
-        task = state.task
-        z = self.estimator(frames, task.context)
-        route, log, memory = state.route, state.log, list(state.memory)
-        rows = np.flatnonzero(running)
-        if state.step % self.every == 0 and len(rows):
-            index = state.step // self.every
-            seeds = [derived_seed("plan", int(task.seed[b]), index) for b in rows]
-            left = None if route is None else route.actions_left()[rows]
-            kept = [memory[b] for b in rows]
-            ends = z[rows], state.goal[rows]
-            query = Query(*ends, task.context[rows], np.array(seeds), left, kept)
-            began = time.perf_counter()
-            plan = self.planner.plan(query)
-            log = log.add(plan, rows, time.perf_counter() - began)
-            route = (route or _standing(z, plan)).updated(plan, rows)
-            for b, item in zip(rows.tolist(), plan.memory, strict=False):
-                memory[b] = item
-        assert route is not None  # the first step plans
-        action, route = self.follower.act(route, z, state.goal, task.context)
-        following = Following(task, state.goal, route, state.step + 1, log, tuple(memory))
-        return np.clip(action, -1, 1).astype(np.float32), following
+        z = self.estimator(frames, state.task.context)
+        state = self._noticed(state, z)
+        due = running & ((state.age % self.every == 0) | self._stuck(state))
+        if due.any():
+            state = self._replanned(state, z, np.flatnonzero(due))
+        assert state.route is not None  # the first step plans
+        action, route = self.follower.act(state.route, z, state.goal, state.task.context)
+        state = replace(state, route=route, z=z, age=state.age + 1)
+        return np.clip(action, -1, 1).astype(np.float32), state
+
+    def _stuck(self, state: Following) -> Bool:
+        stuck: Bool = state.stalled >= (self.patience or np.inf)
+        return stuck
+
+    def _noticed(self, state: Following, z: Float32) -> Following:
+        """Count the steps without movement; where they are too many, note what failed."""
+        if state.route is None or not self.patience:
+            return state
+        still = np.linalg.norm(z - state.z, axis=1) <= self.stall_distance
+        state = replace(state, stalled=np.where(still, state.stalled + 1, 0))
+        failed = list(state.failed)
+        assert state.route is not None
+        for b in np.flatnonzero(self._stuck(state)):
+            attempt = np.stack([z[b], state.route.aim[b]])
+            failed[b] = np.concatenate([failed[b], attempt[None]])
+        return replace(state, failed=tuple(failed))
+
+    def _replanned(self, state: Following, z: Float32, rows: Int64) -> Following:
+        """New plans for `rows`."""
+        task, log, memory = state.task, state.log, list(state.memory)
+        seeds = [derived_seed("plan", int(task.seed[b]), int(log.plans[b])) for b in rows]
+        query = Query(
+            start=z[rows],
+            goal=state.goal[rows],
+            context=task.context[rows],
+            seed=np.array(seeds),
+            left=None if state.route is None else state.route.actions_left()[rows],
+            memory=[memory[b] for b in rows],
+            failed=[state.failed[b] for b in rows],
+        )
+        began = time.perf_counter()
+        plan = self.planner.plan(query)
+        log = log.add(plan, rows, time.perf_counter() - began)
+        for b, item in zip(rows.tolist(), plan.memory, strict=False):
+            memory[b] = item
+        age, stalled = state.age.copy(), state.stalled.copy()
+        age[rows], stalled[rows] = 0, 0
+        return replace(
+            state,
+            route=(state.route or _standing(z, plan)).updated(plan, rows),
+            age=age,
+            stalled=stalled,
+            log=log,
+            memory=tuple(memory),
+        )
 
 
 def _standing(z: Float32, plan: Plan) -> Route:
     """Routes that stay where they are, for rows without a plan."""
     count = len(z)
     actions = np.zeros((count, 0, plan.actions.shape[2]), np.float32)
-    return Route(z[:, None], actions, np.ones(count, np.int64), np.zeros(count, np.int64))
+    return Route(z[:, None], actions, np.ones(count, np.int64), np.zeros(count, np.int64), z)
 
 
 class RandomWalk(Protocol):

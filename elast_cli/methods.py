@@ -81,6 +81,8 @@ def _elast(models: Models, preset: Preset, env: str, rows: int) -> Controller[An
         elast_planner(models, preset.planner),
         TrackStates(PolicyCall(models.policy), preset.control.lookahead),
         preset.control.replan_every,
+        preset.control.patience,
+        preset.control.stall_steps * models.encoder.step_length(0.5),
     )
 
 
@@ -124,6 +126,7 @@ def radii(models: Models, config: TreeConfig) -> Radii:
         neighbor=models.encoder.step_length(config.neighbor_quantile),
         goal=config.goal_steps * median,
         crowding=crowding,
+        failure=config.failure_steps * median,
         duplicate=config.duplicate_steps * median,
     )
 
@@ -189,6 +192,7 @@ variant(
     duplicate_steps=0.0,
     connect_candidates=1_000_000,
     reuse=False,
+    failure_steps=0.0,
 )
 variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
 variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)

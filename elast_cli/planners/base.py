@@ -21,6 +21,7 @@ class Query:
         seed: [B].
         left: actions [B,H,A] not yet played of the plans before, zero where there are none.
         memory: what the planner kept of each row's plan before [B]; None where there is none.
+        failed: transitions [M,2,Z] of each row [B] that execution tried in vain.
     """
 
     start: Float32
@@ -29,6 +30,7 @@ class Query:
     seed: Int64
     left: Float32 | None = None
     memory: Sequence[object] = ()
+    failed: Sequence[Float32] = ()
 
 
 @dataclass(frozen=True)
@@ -130,10 +132,12 @@ class Radii:
         neighbor: r_neigh, within which nodes are rewired.
         goal: r_goal, within which a path counts as having reached the goal.
         crowding: within which nodes count as crowding each other; at most `neighbor`.
+        failure: an edge whose ends both lie this near to those of a failed transition is refused.
         duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
     """
 
     neighbor: float
     goal: float
     crowding: float = np.inf
+    failure: float = 0.0
     duplicate: float = 0.0

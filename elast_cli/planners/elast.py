@@ -51,11 +51,12 @@ class TreeConfig(StrictModel):
     density_quantile: float | None = Field(default=0.005, ge=0, lt=1)
     variance_quantile: float | None = Field(default=0.99, gt=0, le=1)
     support_quantile: float | None = Field(default=0.99, gt=0, le=1)
-    round_trip_quantile: float | None = Field(default=0.99, gt=0, le=1)
+    round_trip_quantile: float | None = Field(default=0.95, gt=0, le=1)
     neighbor_quantile: float = Field(default=0.95, gt=0, le=1)
     crowding_steps: float | None = Field(default=0.5, gt=0)
     goal_steps: float = Field(default=1.0, gt=0)
     duplicate_steps: float = Field(default=0.2, ge=0)
+    failure_steps: float = Field(default=0.5, ge=0)
 
     @model_validator(mode="after")
     def _shares_and_batches(self) -> TreeConfig:
@@ -106,6 +107,7 @@ class Search:
         config, scenarios = self.config, len(query.start)
         self.tally = Tally.zero(scenarios)
         self.draws = self._draw(scenarios)
+        self.failures = {b: pairs for b, pairs in enumerate(query.failed) if len(pairs)}
         roots = self.world.features(query.start, np.arange(scenarios))
         old = [self._replanted(b, roots[b]) for b in range(scenarios)]
         self.budget = np.array([self._budget(b, found) for b, found in enumerate(old)])
@@ -143,6 +145,8 @@ class Search:
         memory = self.query.memory[b] if self.config.reuse and self.query.memory else None
         if not isinstance(memory, Memory):
             return reuse.alone(root, feature, self.world.action_size)
+        if b in self.failures:
+            memory = reuse.without(memory, self.failures[b], self.radii.failure)
         near = reuse.candidates(memory, root, self.radii.neighbor)
         row = np.full(len(near), b)
         if self.limits.min_log_density > -np.inf and len(near):
@@ -211,6 +215,7 @@ class Search:
         z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
         self.tally.transitions[rows] += parent.shape[1] * self.world.members
         alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
+        alive &= ~self._failed(z, z_new, row)
         shape = parent.shape
         return Batch(rows, parent, action, z_new.reshape(*shape, -1), alive.reshape(shape))
 
@@ -325,17 +330,28 @@ class Search:
         latent = self.forest.latent
         return self._round_trip(latent[row, source], latent[row, target], row.astype(np.int64))
 
+    def _failed(self, z: Float32, z_next: Float32, row: Int64) -> Bool:
+        """Which transitions [M] resemble one that execution has tried in vain."""
+        if not self.failures:
+            return np.zeros(len(row), np.bool_)
+        found = [np.flatnonzero(row == b) for b in self.failures]
+        out = np.zeros(len(row), np.bool_)
+        for at, pairs in zip(found, self.failures.values(), strict=True):
+            out[at] = reuse.resembles(z[at], z_next[at], pairs, self.radii.failure)
+        return out
+
     def _round_trip(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Bool]:
         limits = self.limits
         action = self.world.act(z, z_next, row)
         calls = np.bincount(row, minlength=len(self.tally.policy))
         self.tally.policy += calls
+        untried = ~self._failed(z, z_next, row)
         if limits.max_round_trip == np.inf:
-            return action, np.ones(len(row), np.bool_)
+            return action, untried
         landed, variance = self.world.step(z, action, row)
         self.tally.transitions += calls * self.world.members
         near = tree.lengths(landed - z_next) <= limits.max_round_trip
-        return action, near & (variance <= limits.max_variance)
+        return action, near & untried & (variance <= limits.max_variance)
 
     def best_nodes(self) -> tuple[Int64, Bool]:
         """The end of each row's path [B], and whether it lies within r_goal of the goal [B].

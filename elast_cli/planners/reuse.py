@@ -7,7 +7,7 @@ from nowhere is dropped. A plan made from such a tree needs only a few more expa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -68,6 +68,28 @@ def remember(forest: Forest, b: int) -> Memory:
         forest.depth[b, :n].copy(),
         forest.crowding[b, :n].copy(),
     )
+
+
+@njit(cache=True, nogil=True)
+def resembles(z: Float32, z_next: Float32, failed: Float32, radius: float) -> Bool:
+    """Which transitions [M,Z] -> [M,Z] have both ends within `radius` of a failed one's [P,2,Z]."""
+    out = np.zeros(len(z), np.bool_)
+    for m in range(len(z)):
+        for p in range(len(failed)):
+            here, there = np.float32(0), np.float32(0)
+            for d in range(z.shape[1]):
+                here += (z[m, d] - failed[p, 0, d]) ** 2
+                there += (z_next[m, d] - failed[p, 1, d]) ** 2
+            out[m] |= here <= radius * radius and there <= radius * radius
+    return out
+
+
+def without(memory: Memory, failed: Float32, radius: float) -> Memory:
+    """The tree with the edges cut that resemble a failed transition; what they held hangs free."""
+    edge = memory.parent != NONE
+    z = memory.latent[np.where(edge, memory.parent, 0)]
+    cut = edge & resembles(z, memory.latent, failed, radius)
+    return replace(memory, parent=np.where(cut, np.int32(NONE), memory.parent))
 
 
 def candidates(memory: Memory, root: Float32, radius: float) -> Int64:
