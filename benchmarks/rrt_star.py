@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from numba import njit
 
 from elast_cli.planners.base import Limits, Query, Radii
 from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
-from elast_cli.shapes import Bool, Float32, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 RANGE = 0.07
 GOAL_RADIUS = 0.05
@@ -65,6 +65,7 @@ class Plane:
     action_size: int = 2
     feature_size: int = 2
     members: int = 1
+    axes: Float64 = field(default_factory=lambda: np.eye(2))
 
     def at(self, _context: Float32) -> Plane:
         """The same for every context."""
@@ -88,9 +89,9 @@ class Plane:
         near = np.linalg.norm(b - a, axis=1) <= RANGE * (1 + 1e-5)
         return np.where(free & near, np.float32(0), np.float32(-1))
 
-    def support_distance(self, z: Float32) -> Float32:
+    def supported(self, z: Float32, limit: float) -> Bool:
         """Everything is supported."""
-        return np.zeros(len(z), np.float32)
+        return np.ones(len(z), np.bool_)
 
     def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
         """The exact action."""
@@ -99,7 +100,7 @@ class Plane:
 
 def ours(nodes: int, seed: int) -> tuple[float, int, float]:
     """Path cost, nodes and seconds of our search grown to `nodes` nodes."""
-    config = TreeConfig(expansions=60 * nodes, duplicate_steps=0.0, support_quantile=None)
+    config = TreeConfig(expansions=20 * nodes, max_nodes=nodes)
     planner = ElastPlanner(
         Plane().at,
         config,
@@ -110,8 +111,7 @@ def ours(nodes: int, seed: int) -> tuple[float, int, float]:
     query = Query(start, goal, np.zeros((1, 0), np.float32), np.array([seed]))
     search = Search(planner, query)
     began = time.perf_counter()
-    while search.forest.size[0] < nodes and search.done < config.expansions:
-        search.expand()
+    search.run()
     seconds = time.perf_counter() - began
     plan = search.best_plan()
     cost = float(plan.length[0] - 1) if plan.reached[0] else float("inf")
