@@ -121,7 +121,8 @@ def _padded(x: Float32, length: int) -> Float32:
 class TrackStates:
     """Follow planned latents with π: aim one step past the nearest of the next few waypoints.
 
-    Past the last waypoint it aims at the goal itself.
+    Past the last waypoint it aims at the goal itself. Of waypoints equally near the last counts, so
+    that a plan through two states that are the same never aims at where it is.
     """
 
     policy: LocalControl
@@ -135,7 +136,7 @@ class TrackStates:
         window = route.progress[:, None] + np.arange(self.lookahead + 1)
         window = np.minimum(window, route.length[:, None] - 1)  # [B,L+1]
         gap = np.linalg.norm(route.states[rows[:, None], window] - z[:, None], axis=-1)
-        progress = window[rows, gap.argmin(1)]
+        progress = window[rows, self.lookahead - gap[:, ::-1].argmin(1)]
         aim = np.minimum(progress + 1, route.length - 1)
         target = np.where((progress >= route.length - 1)[:, None], goal, route.states[rows, aim])
         return self.policy(z, target, context), replace(route, progress=progress, aim=target)
@@ -247,7 +248,7 @@ class Replan:
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
         z = self.estimator(frames, state.task.context)
-        state = self._noticed(state, z)
+        state = self._noticed(state, z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))
         if due.any():
             state = self._replanned(state, z, np.flatnonzero(due))
@@ -260,16 +261,16 @@ class Replan:
         stuck: Bool = state.stalled >= (self.patience or np.inf)
         return stuck
 
-    def _noticed(self, state: Following, z: Float32) -> Following:
-        """Count the steps without movement; where they are too many, note what failed."""
-        if state.route is None or not self.patience:
+    def _noticed(self, state: Following, z: Float32, running: Bool) -> Following:
+        """Count steps without movement of running rows; where too many, note what failed."""
+        route = state.route
+        if route is None or not self.patience:
             return state
-        still = np.linalg.norm(z - state.z, axis=1) <= self.stall_distance
+        still = running & (np.linalg.norm(z - state.z, axis=1) <= self.stall_distance)
         state = replace(state, stalled=np.where(still, state.stalled + 1, 0))
         failed = list(state.failed)
-        assert state.route is not None
         for b in np.flatnonzero(self._stuck(state)):
-            attempt = np.stack([z[b], state.route.aim[b]])
+            attempt = np.stack([z[b], route.aim[b]])
             failed[b] = np.concatenate([failed[b], attempt[None]])
         return replace(state, failed=tuple(failed))
 

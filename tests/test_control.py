@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,8 @@ def line(*rows: list[float], length: list[int] | None = None) -> Route:
     """Routes through one-dimensional states, one action apart."""
     states = np.array(rows, np.float32)[..., None]
     count = np.array(length or [len(rows[0])] * len(rows))
-    return Route(states, np.diff(states, axis=1), count, np.zeros(len(rows), np.int64))
+    none = np.zeros(len(rows), np.int64)
+    return Route(states, np.diff(states, axis=1), count, none, states[:, 0])
 
 
 def column(*values: float) -> Float32:
@@ -64,6 +65,18 @@ def test_tracking_looks_no_further_than_its_window_and_never_back() -> None:
     assert route.progress.tolist() == [2]
     _, route = follower.act(route, column(0), column(4), NO_CONTEXT)
     assert route.progress.tolist() == [2]
+
+
+def test_of_waypoints_equally_near_tracking_takes_the_last() -> None:
+    action, route = TrackStates(towards, 3).act(line([5, 5, 6]), column(5), column(6), NO_CONTEXT)
+    assert route.progress.tolist() == [1]
+    assert action.tolist() == [[1]]
+
+
+def test_tracking_notes_what_it_aims_at() -> None:
+    route, context = line([0, 1, 2], [0, 1, 2]), np.zeros((2, 1), np.float32)
+    _, route = TrackStates(towards, 2).act(route, column(0, 2), column(7, 7), context)
+    assert route.aim.ravel().tolist() == [1, 7]
 
 
 def test_past_its_last_waypoint_tracking_aims_at_the_goal() -> None:
@@ -205,6 +218,84 @@ def test_a_new_plan_is_told_the_actions_left_of_the_last() -> None:
     assert planner.asked[0].left is None
     assert planner.asked[1].left is not None
     assert planner.asked[1].left[0, :, 0].tolist() == [1, 0, 0, 0]  # 1, 1 were played of 1, 1, 1, 0
+
+
+@dataclass
+class Remembering(Straight):
+    """Hands every row's plan the number of plans before it as memory."""
+
+    def plan(self, query: Query) -> Plan:
+        before = [0 if item is None else item for item in query.memory]
+        return replace(super().plan(query), memory=[int(str(item)) + 1 for item in before])
+
+
+def patient(planner: Straight, every: int = 20) -> Replan:
+    """Replans after two steps in a row that moved it by no more than half an action."""
+    return Replan(brightness, planner, TrackStates(towards, 2), every, 2, 0.5)
+
+
+def test_a_planner_sees_again_what_it_kept_of_each_row() -> None:
+    planner = Remembering()
+    controller, both = replan(planner, 1), np.array([True, True])
+    state = controller.begin(task_of(9, 9))
+    for running in (both, np.array([False, True]), both):
+        _, state = controller.act(state, frames_of(1, 2), running)
+    assert [query.memory for query in planner.asked] == [[None, None], [1], [1, 2]]
+
+
+def test_a_row_that_does_not_move_replans_at_once_and_hands_on_what_failed() -> None:
+    planner = Straight()
+    controller, both = patient(planner), np.array([True, True])
+    state = controller.begin(task_of(9, 9))
+    for moving in (1, 2, 3, 4):
+        _, state = controller.act(state, frames_of(5, moving), both)
+    first, second = planner.asked
+    assert [len(pairs) for pairs in first.failed] == [0, 0]
+    assert second.start.tolist() == [[5]]  # the other row is not planned for
+    assert second.seed.tolist() == [derived_seed("plan", 0, 1)]
+    assert second.failed[0][..., 0].tolist() == [[5, 6]]
+    assert state.log.plans.tolist() == [2, 1]
+    assert [len(pairs) for pairs in state.failed] == [1, 0]
+
+
+def test_what_failed_is_remembered_for_the_rest_of_the_episode() -> None:
+    planner = Straight()
+    controller = patient(planner)
+    state = controller.begin(task_of(9))
+    for level in (5, 5, 5, 6, 6, 6):
+        _, state = controller.act(state, frames_of(level), np.array([True]))
+    assert [query.start[0, 0] for query in planner.asked] == [5, 5, 6]
+    assert planner.asked[-1].failed[0][..., 0].tolist() == [[5, 6], [6, 7]]
+
+
+def test_a_step_that_moves_starts_the_count_again() -> None:
+    planner = Straight()
+    controller = patient(planner)
+    state = controller.begin(task_of(9))
+    for level in (1, 1, 2, 2, 3, 3, 4):
+        _, state = controller.act(state, frames_of(level), np.array([True]))
+    assert len(planner.asked) == 1
+
+
+def test_without_patience_standing_still_is_nothing_to_remark() -> None:
+    planner = Straight()
+    controller = replan(planner, 20)
+    state = controller.begin(task_of(9))
+    for _ in range(10):
+        _, state = controller.act(state, frames_of(1), np.array([True]))
+    assert len(planner.asked) == 1
+    assert len(state.failed[0]) == 0
+
+
+def test_rows_that_do_not_run_neither_stall_nor_fail() -> None:
+    planner = Straight()
+    controller = patient(planner)
+    state = controller.begin(task_of(9, 9))
+    _, state = controller.act(state, frames_of(1, 1), np.array([True, True]))
+    for level in range(2, 9):
+        _, state = controller.act(state, frames_of(level, 1), np.array([True, False]))
+    assert len(planner.asked) == 1
+    assert [len(pairs) for pairs in state.failed] == [0, 0]
 
 
 def test_actions_are_clipped_to_the_box() -> None:

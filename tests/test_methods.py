@@ -55,6 +55,9 @@ LITERAL = {
     "edge_actions": 0.0,
     "momentum": 0.0,
     "duplicate_steps": 0.0,
+    "connect_candidates": 1_000_000,
+    "reuse": False,
+    "failure_steps": 0.0,
 }
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "elast-psi": ("elast", {"support_quantile": None, "round_trip_quantile": None}),

@@ -24,9 +24,10 @@ CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
 class TreeConfig(StrictModel):
     """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
 
-    `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
-    trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
-    tree of the plan before, and spends `replan_expansions` where that still reaches the goal.
+    `max_nodes` bounds a tree's memory: a full tree stops, and is not reused in vain. A
+    `time_budget` in seconds stops all trees; which plan it leaves depends on the machine. With
+    `reuse`, replanning starts from the tree of the plan before, and spends `replan_expansions`
+    where that still reaches the goal.
     """
 
     expansions: int = Field(default=12_000, ge=1)
@@ -160,15 +161,24 @@ class Search:
             return reuse.alone(root, feature, self.world.action_size)
         start = np.repeat(root[None], len(near), axis=0)
         action, admissible = self._round_trip(start, memory.latent[near], row)
-        return reuse.transplant(memory, root, feature, near[admissible], action[admissible])
+        found = reuse.transplant(memory, root, feature, near[admissible], action[admissible])
+        room = self.config.max_nodes or np.inf
+        if len(found.depth) >= room and not self._reaches(b, found):
+            return reuse.alone(root, feature, self.world.action_size)  # it could not grow
+        return found
+
+    def _reaches(self, b: int, found: Memory) -> bool:
+        """Whether a tree, as far as there is room for it, reaches the goal of row b."""
+        latent = found.latent[: self.config.max_nodes]
+        nearest: float = tree.lengths(latent - self.query.goal[b]).min()
+        return nearest <= self.radii.goal
 
     def _budget(self, b: int, found: Memory) -> int:
         """Expansions of row b: few where the tree that is there already reaches the goal."""
         if len(found.depth) == 1:
             return self.config.expansions
-        nearest = tree.lengths(found.latent - self.query.goal[b]).min()
         warm = min(self.config.replan_expansions, self.config.expansions)
-        return warm if nearest <= self.radii.goal else self.config.expansions
+        return warm if self._reaches(b, found) else self.config.expansions
 
     def run(self) -> None:
         """Spend the budget of expansions, or of time."""
