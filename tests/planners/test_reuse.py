@@ -13,7 +13,7 @@ from toy import Box, only, problems
 
 from elast_cli.planners import reuse, tree
 from elast_cli.planners.base import Plan, Query
-from elast_cli.planners.elast import Search
+from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
 from elast_cli.planners.reuse import Memory
 from elast_cli.planners.tree import NONE
 from elast_cli.shapes import Bool, Float32, Int64
@@ -307,6 +307,18 @@ def test_replanning_never_spends_more_than_planning(replan: int) -> None:
     plan = grown(query, expansions=3000).best_plan()
     search = grown(later(query, plan), expansions=100, replan_expansions=replan)
     assert spent(search).tolist() == [min(100, replan)] * 2
+
+
+def test_crowded_nodes_of_the_old_tree_are_seldom_drawn() -> None:
+    query = problems(2)
+    query = later(query, grown(query, **BUDGET).best_plan())
+    config = TreeConfig(**BUDGET, sparse_exponent=2.0)
+    search = Search(ElastPlanner(Box().at, config, LIMITS, RADII), query)
+    for b in range(2):
+        crowding = search.forest.crowding[b, : search.forest.size[b]]
+        assert crowding.max() > 5
+        leaves = search.sums[b, search.sums.shape[1] // 2 :][: len(crowding)]
+        np.testing.assert_allclose(leaves, (1.0 + crowding) ** -2)
 
 
 def test_without_reuse_memory_is_neither_kept_nor_used() -> None:
