@@ -269,7 +269,8 @@ class Replan:
         still = running & (np.linalg.norm(z - state.z, axis=1) <= self.stall_distance)
         state = replace(state, stalled=np.where(still, state.stalled + 1, 0))
         failed = list(state.failed)
-        for b in np.flatnonzero(self._stuck(state)):
+        resting = (route.aim == state.goal).all(1)  # at the end of its path, and not in vain
+        for b in np.flatnonzero(self._stuck(state) & ~resting):
             attempt = np.stack([z[b], route.aim[b]])
             failed[b] = np.concatenate([failed[b], attempt[None]])
         return replace(state, failed=tuple(failed))

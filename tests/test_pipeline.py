@@ -73,7 +73,9 @@ def episodes(home: Path) -> list[dict[str, Any]]:
     """The report's episodes without wall times."""
     path = home / "artifacts/block-s/report/v1/results.json"
     rows: list[dict[str, Any]] = json.loads(path.read_text())["per_episode"]
-    return [{key: value for key, value in row.items() if not key.endswith("plan_s")} for row in rows]
+    return [
+        {key: value for key, value in row.items() if not key.endswith("plan_s")} for row in rows
+    ]
 
 
 def test_the_chain_leaves_a_report_with_pictures(one: Path) -> None:

@@ -162,7 +162,7 @@ class Search:
         start = np.repeat(root[None], len(near), axis=0)
         action, admissible = self._round_trip(start, memory.latent[near], row)
         found = reuse.transplant(memory, root, feature, near[admissible], action[admissible])
-        room = self.config.max_nodes or np.inf
+        room = self.config.max_nodes or 2 * self.config.expansions  # bounds an episode's memory
         if len(found.depth) >= room and not self._reaches(b, found):
             return reuse.alone(root, feature, self.world.action_size)  # it could not grow
         return found
