@@ -65,7 +65,9 @@ def collect(
     env: Env,
     lineage: Lineage,
     running: Running,
-    n: Annotated[int | None, typer.Option("--n", min=1, help="Transitions [50000].")] = None,
+    n: Annotated[
+        int | None, typer.Option("--n", min=1, help="Transitions; default: the preset's.")
+    ] = None,
     episodes: Annotated[int | None, typer.Option(min=1, help="Episodes, in place of --n.")] = None,
     max_episode_steps: Annotated[int | None, typer.Option(min=1, help="Steps of each.")] = None,
 ) -> None:
