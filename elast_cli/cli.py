@@ -181,9 +181,12 @@ def list_artifacts(
     json: Json = False,
 ) -> None:
     """List what there is."""
+    from elast_cli.envs import spec
     from elast_cli.stages import inspect
     from elast_cli.store import Store
 
+    if env is not None:
+        spec(env)  # an unknown name is an error, not an empty list
     rows = inspect.listing(Store.default(), env, kind)
     _show(rows, inspect.listing_table, json=json)
 

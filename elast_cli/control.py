@@ -23,7 +23,7 @@ class ControlConfig(StrictModel):
 
     replan_every: int = Field(default=20, ge=1)
     lookahead: int = Field(default=3, ge=1)
-    patience: int = Field(default=3, ge=1)  # steps without moving that make a plan fail
+    patience: int = Field(default=3, ge=0)  # steps without moving that make a plan fail; 0: any
     stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
 
 

@@ -138,10 +138,15 @@ def _cem(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]
     from elast_cli.planners.cem import CemPlanner
 
     rollout = CemRollout(models.encoder.dynamics, spec(env).action_size)
-    radius = preset.planner.goal_steps * models.encoder.step_length(0.5)
-    planner = CemPlanner(rollout, preset.cem, radius)
-    encoder = FrameEncoder(models.encoder.encoder)
-    return Replan(encoder, planner, PlayActions(), preset.cem.replan_every)
+    median = models.encoder.step_length(0.5)
+    return Replan(
+        FrameEncoder(models.encoder.encoder),
+        CemPlanner(rollout, preset.cem, preset.cem.goal_steps * median),
+        PlayActions(),
+        preset.cem.replan_every,
+        preset.control.patience,
+        preset.control.stall_steps * median,
+    )
 
 
 def _random(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:
@@ -160,15 +165,18 @@ def _add(method: Method) -> None:
     METHODS[method.name] = method
 
 
-def variant(name: str, *, of: str, about: str, **changes: Any) -> None:
-    """Add a method that differs from another in keys of its `planner` section."""
+def variant(
+    name: str, *, of: str, about: str, control: Mapping[str, Any] | None = None, **changes: Any
+) -> None:
+    """Add a method that differs from another in keys of its `planner` and `control` sections."""
     base = METHODS[of]
-    planner = {**base.changes.get("planner", {}), **changes}
-    _add(Method(name, about, base.needs, base.uses, base.build, {"planner": planner}))
+    sections = {"planner": changes, "control": control or {}}
+    merged = {key: {**base.changes.get(key, {}), **new} for key, new in sections.items()}
+    _add(Method(name, about, base.needs, base.uses, base.build, merged))
 
 
 _add(Method("elast", "tree search with all tests", _LEARNED, ("planner", "control"), _elast))
-_add(Method("cpc-cem", "cross-entropy method on h_f", ("encoder",), ("cem",), _cem))
+_add(Method("cpc-cem", "cross-entropy method on h_f", ("encoder",), ("cem", "control"), _cem))
 _add(Method("random", "the collection policy", (), ("collect",), _random))
 variant(
     "elast-psi",
@@ -193,6 +201,7 @@ variant(
     connect_candidates=1_000_000,
     reuse=False,
     failure_steps=0.0,
+    control={"patience": 0},
 )
 variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
 variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)

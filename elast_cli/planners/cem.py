@@ -27,6 +27,7 @@ class CemConfig(StrictModel):
     noise_correlation: float = Field(default=0.9, ge=0, lt=1)  # of one step's noise with the next
     cost: Literal["terminal", "summed"] = "terminal"
     replan_every: int = Field(default=20, ge=1)
+    goal_steps: float = Field(default=1.0, gt=0)  # a plan counts as reaching within these
     warm_start: bool = True  # of the mean, by the actions left of the plan before
 
     @model_validator(mode="after")

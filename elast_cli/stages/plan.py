@@ -24,7 +24,7 @@ from elast_cli.store import Ref, Store
 if TYPE_CHECKING:
     from elast_cli.explain import Explanation
 
-ALGORITHM_VERSION = 1
+ALGORITHM_VERSION = 2
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
 MOST_FRAMES = 38  # along the path, in the picture
