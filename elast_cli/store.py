@@ -228,7 +228,7 @@ class Store:
                 digest = folder.name.partition(".")[0]
                 try:
                     with storage_errors(), lock_of(root, digest).acquire(blocking=False):
-                        shutil.rmtree(folder)
+                        folder.unlink() if folder.is_symlink() else shutil.rmtree(folder)
                 except Timeout:
                     continue
                 removed.append(folder)
