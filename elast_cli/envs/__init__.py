@@ -21,7 +21,14 @@ from elast_cli.envs.base import (
     Scenario,
     collect_episode,
 )
-from elast_cli.envs.block import Block, BlockAsym, BlockAsymConfig, BlockConfig
+from elast_cli.envs.block import (
+    Block,
+    BlockAsym,
+    BlockAsymConfig,
+    BlockConfig,
+    BlockParam,
+    BlockParamConfig,
+)
 from elast_cli.envs.cable import Cable, CableConfig
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
@@ -99,6 +106,14 @@ ENVS: dict[str, EnvSpec] = {
             env_class=BlockAsym,
             config_class=BlockAsymConfig,
             about="a block in a ring whose one side is a one-way stream",
+            unit="workspace widths",
+        ),
+        EnvSpec(
+            name="block-param",
+            gym_id="elast/BlockParam-v0",
+            env_class=BlockParam,
+            config_class=BlockParamConfig,
+            about="a block between walls whose places and gaps change with the episode",
             unit="workspace widths",
         ),
         EnvSpec(

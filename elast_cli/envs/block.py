@@ -4,13 +4,12 @@ The world is the unit square, x to the right and y up. An action is a displaceme
 `displacement`, per axis; pymunk moves the block at constant velocity for one step and lets it
 slide along what it touches, without friction or rotation. A stream carries the block along by a
 drift, added to the displacement of every step that begins with the centre in it. A member of the
-family is a set of rectangles: data.
+family is a set of rectangles: data; in BlockParam it changes with the episode.
 """
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -28,11 +27,11 @@ from elast_cli.envs.base import (
     Vector,
     empty_layout,
 )
+from elast_cli.envs.layouts import layout_of, rects_of, whole_cells
 from elast_cli.envs.shortest import Lattice, Rect, lattice
 
 _STREAM = (150.0, 198.0, 232.0)
 _BLOCK = (222.0, 60.0, 34.0)
-_CELL = 0.005  # of the lattice that shortest steps are counted on; every length is a multiple
 _STARTS_PER_GOAL = 64
 AGAINST_TOLERANCE = 0.02  # workspace widths; a true step in the stream leads 0.03 down it or more
 
@@ -54,6 +53,7 @@ class Block(ElastEnv):
     Levels: `hard` leads from one end of the S to the other, `medium` round at least one corner.
     """
 
+    _cell: ClassVar[float] = 0.005  # of the lattice of shortest steps; every length is a multiple
     state_names: ClassVar[tuple[str, ...]] = ("x", "y")
     action_size: ClassVar[int] = 2
     levels: ClassVar[dict[str, Level]] = {
@@ -68,7 +68,8 @@ class Block(ElastEnv):
         super().__init__(render_mode=render_mode)
         self.config: BlockConfig = config or BlockConfig()
         self._body = pymunk.Body()
-        self.set_state(self._middle(self.config.ends[0]), empty_layout())
+        self._lay(self.config.walls, empty_layout())
+        self.set_state(self._middle(self.config.ends[0]), self._layout)
 
     @property
     def success_radius(self) -> float:
@@ -81,11 +82,8 @@ class Block(ElastEnv):
         return np.array(self._body.position, dtype=np.float32)
 
     def set_state(self, state: Vector, layout: Vector) -> None:
-        """Put the block's centre at `state` f32 [2] in a new space; `layout` is empty (L = 0)."""
-        if layout.size:
-            raise ValueError(
-                f"layout of {layout.size} numbers: the walls of this world never change"
-            )
+        """Put the block's centre at `state` f32 [2] in a new space among the walls of `layout`."""
+        self._arrange(layout)
         size = self.config.half_size
         self._body = pymunk.Body(mass=1.0, moment=math.inf)
         self._body.position = float(state[0]), float(state[1])
@@ -129,9 +127,10 @@ class Block(ElastEnv):
         return math.hypot(float(state[0]) - float(goal[0]), float(state[1]) - float(goal[1]))
 
     def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
-        """A centre f32 [2], uniform over where the block touches no wall, and the empty layout."""
+        """A centre f32 [2], uniform over where it touches nothing, and the layout f32 [L]."""
         size = self.config.half_size
-        return self._free_place((size, size, 1 - size, 1 - size), rng), empty_layout()
+        place = self._free_place((size, size, 1 - size, 1 - size), rng)
+        return place, self._layout.copy()
 
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
@@ -141,13 +140,14 @@ class Block(ElastEnv):
         least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
         while True:
             goal, region = self._draw_goal(level, rng)
+            layout = self._layout.copy()
             field = self.lattice.field(goal, self.success_radius)
             for _ in range(_STARTS_PER_GOAL):
                 start = self._free_place(region, rng)
                 shortest = self.lattice.steps(field, start)
                 bounded = least <= shortest <= most
                 if bounded and self._asks(start, goal):
-                    return Scenario(start, goal, level, index, seed, empty_layout(), shortest)
+                    return Scenario(start, goal, level, index, seed, layout, shortest)
 
     @property
     def lattice(self) -> Lattice:
@@ -158,7 +158,7 @@ class Block(ElastEnv):
             low=size,
             high=1 - size,
             step=self.config.displacement,
-            cell=_CELL,
+            cell=self._cell,
         )
 
     def sees(self, start: Vector, goal: Vector) -> bool:
@@ -180,11 +180,23 @@ class Block(ElastEnv):
             if not any(a < place[0] < c and b < place[1] < d for a, b, c, d in self._grown):
                 return place
 
-    @cached_property
-    def _grown(self) -> list[Rect]:
-        """The walls as the block's centre meets them: grown by half its size."""
+    def _arrange(self, layout: Vector) -> None:
+        """Make the walls those of a layout f32 [L]: here they never change and L = 0."""
+        if layout.size:
+            raise ValueError(
+                f"layout of {layout.size} numbers: the walls of this world never change"
+            )
+
+    def _lay(self, walls: tuple[Rect, ...], layout: Vector) -> None:
+        """Take these walls, which `layout` stands for: their picture, and what the centre meets."""
         size = self.config.half_size
-        return [(a - size, b - size, c + size, d + size) for a, b, c, d in self.config.walls]
+        self._walls, self._layout = walls, layout
+        self._grown: list[Rect] = [(a - size, b - size, c + size, d + size) for a, b, c, d in walls]
+        image = self._paint()
+        self._background: tuple[Frame, NDArray[np.float64]] = (
+            np.round(image).astype(np.uint8),
+            image,
+        )
 
     def _drift(self) -> tuple[float, float]:
         """What the step that begins now is carried along by."""
@@ -196,17 +208,11 @@ class Block(ElastEnv):
 
     def _paint(self) -> NDArray[np.float64]:
         """The empty world, f64 [64, 64, 3]."""
-        return picture.empty(self.config.walls)
-
-    @cached_property
-    def _background(self) -> tuple[Frame, NDArray[np.float64]]:
-        """The empty world, u8 [64, 64, 3], and the same unrounded."""
-        image = self._paint()
-        return np.round(image).astype(np.uint8), image
+        return picture.empty(self._walls)
 
     def _obstacles(self, body: pymunk.Body) -> list[pymunk.Poly]:
         """Walls, and a border round the workspace thicker than any step."""
-        rects = [*self.config.walls, (-1, -1, 0, 2), (1, -1, 2, 2), (-1, -1, 2, 0), (-1, 1, 2, 2)]
+        rects = [*self._walls, (-1, -1, 0, 2), (1, -1, 2, 2), (-1, -1, 2, 0), (-1, 1, 2, 2)]
         return [pymunk.Poly(body, [(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in rects]
 
     @staticmethod
@@ -251,7 +257,7 @@ class BlockAsym(Block):
             low=size,
             high=1 - size,
             step=self.config.displacement,
-            cell=_CELL,
+            cell=self._cell,
             stream=self._asym.stream,
             drift=self._asym.drift,
         )
@@ -289,11 +295,81 @@ class BlockAsym(Block):
         image = picture.empty(())
         for rect, colour in (
             (self._asym.stream, _STREAM),
-            *((wall, picture.WALL) for wall in self.config.walls),
+            *((wall, picture.WALL) for wall in self._walls),
         ):
             rows, columns, patch = picture.rectangle(image, rect, colour)
             image[rows, columns] = patch
         return image
+
+
+class BlockParamConfig(BlockConfig):
+    """The same for walls that change with the episode. The defaults are BlockParam.
+
+    `ends` are the regions of start and goal, which no layout reaches; `walls` stand in all layouts.
+    Lengths are multiples of 0.01, so that shortest steps can be counted on a lattice.
+    """
+
+    walls: tuple[Rect, ...] = ()
+    ends: tuple[Rect, Rect] = ((0.05, 0.05, 0.95, 0.15), (0.05, 0.85, 0.95, 0.95))
+    thickness: tuple[float, float] = Field((0.04, 0.08), description="least and greatest, of walls")
+    gap: tuple[float, float] = Field((0.18, 0.24), description="least and greatest, in a wall")
+    lane: float = Field(0.2, gt=0, description="least height of the three lanes between walls")
+    stub: float = Field(0.06, gt=0, description="least length of a wall's two parts")
+
+
+class BlockParam(Block):
+    """BlockParam: two walls across the world, their places and gaps drawn anew (Sec. 5.1).
+
+    State: the centre (x, y). Layout: the four rectangles of the walls, f32 [16]. The one level,
+    `standard`, leads through both gaps, from the lower end of the world to the upper or back.
+    """
+
+    _cell: ClassVar[float] = 0.01
+    levels: ClassVar[dict[str, Level]] = {
+        "standard": Level("standard", 44, 16, 40, "through the gaps of two walls, up or down"),
+    }
+
+    def __init__(
+        self, config: BlockParamConfig | None = None, *, render_mode: str | None = None
+    ) -> None:
+        """Build the world of a configuration, with the same layout every time."""
+        config = config or BlockParamConfig()
+        self._param = config
+        super().__init__(config, render_mode=render_mode)
+        self.set_state(self.state, self.sample_layout(np.random.default_rng(0)))
+
+    @property
+    def context(self) -> Frame:
+        """The walls without the block, u8 [64, 64, 3]."""
+        return self._background[0].copy()
+
+    def sample_layout(self, rng: np.random.Generator) -> Vector:
+        """Two walls with a gap each, f32 [16]: what the lanes can spare is shared at random."""
+        param = self._param
+        heights = [whole_cells(rng, *param.thickness, cell=self._cell) for _ in range(2)]
+        spare = 1 - sum(heights) - 3 * param.lane
+        shares = sorted(whole_cells(rng, 0, spare, cell=self._cell) for _ in range(2))
+        bottoms = (param.lane + shares[0], 2 * param.lane + heights[0] + shares[1])
+        rects: list[Rect] = []
+        for bottom, height in zip(bottoms, heights, strict=True):
+            gap = whole_cells(rng, *param.gap, cell=self._cell)
+            left = whole_cells(rng, param.stub, 1 - param.stub - gap, cell=self._cell)
+            rects += [(0, bottom, left, bottom + height), (left + gap, bottom, 1, bottom + height)]
+        return layout_of(rects)
+
+    def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
+        """A centre f32 [2], uniform over what a random layout f32 [16] leaves free, and that."""
+        self.set_state(self.state, self.sample_layout(rng))
+        return super().sample_start(rng)
+
+    def _draw_goal(self, level: str, rng: np.random.Generator) -> tuple[Vector, Rect]:
+        self.set_state(self.state, self.sample_layout(rng))
+        return super()._draw_goal(level, rng)
+
+    def _arrange(self, layout: Vector) -> None:
+        if not np.array_equal(layout, self._layout):
+            walls = (*self._param.walls, *rects_of(layout, count=4))
+            self._lay(walls, np.array(layout, dtype=np.float32))
 
 
 def _crosses(start: Vector, end: Vector, rect: Rect) -> bool:

@@ -127,6 +127,7 @@ def test_the_picture_holds_as_much_block_wherever_it_is(x: float, y: float) -> N
 
 def greedy_steps(env: Block, scenario: Scenario, limit: int) -> int | None:
     """Steps to success when the field of shortest steps is followed in the physics engine."""
+    env.set_state(scenario.start, scenario.layout)
     grid = np.linspace(-1, 1, 2 * env.lattice.reach + 1)
     actions = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
     lattice, radius = env.lattice, env.success_radius
@@ -137,7 +138,6 @@ def greedy_steps(env: Block, scenario: Scenario, limit: int) -> int | None:
     filled = np.where(np.isnan(near), 0, near).sum(-1)
     smooth = filled / np.maximum((~np.isnan(near)).sum(-1), 1)
     smooth[np.isnan(field)] = np.inf
-    env.set_state(scenario.start, scenario.layout)
     for step in range(1, limit + 1):
         ends = lattice.after(env.state, actions)
         cells = np.round((ends - lattice.low) / lattice.cell).astype(int)
@@ -151,7 +151,12 @@ def greedy_steps(env: Block, scenario: Scenario, limit: int) -> int | None:
 
 @pytest.mark.parametrize(
     ("name", "level", "count"),
-    [("block-s", "medium", 20), ("block-s", "hard", 12), ("block-asym", "upstream", 12)],
+    [
+        ("block-s", "medium", 20),
+        ("block-s", "hard", 12),
+        ("block-asym", "upstream", 12),
+        ("block-param", "standard", 20),
+    ],
 )
 def test_shortest_steps_are_met_and_never_beaten_in_the_physics_engine(
     name: str, level: str, count: int

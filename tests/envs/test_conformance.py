@@ -13,6 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from elast_cli.dataset import Dataset, compact, shard_path, write_shard
 from elast_cli.envs import (
     ENVS,
     ElastEnv,
@@ -26,9 +27,15 @@ from elast_cli.envs import (
     spec,
 )
 from elast_cli.errors import ConfigError, UsageError
+from elast_cli.seeding import generator
 
 DOCS = Path(__file__).parents[2] / "docs" / "environments.md"
 each_env = pytest.mark.parametrize("entry", ENVS.values(), ids=list(ENVS))
+each_context_env = pytest.mark.parametrize(
+    "entry",
+    changing := [e for e in ENVS.values() if make(e.name).context is not None],
+    ids=[e.name for e in changing],
+)
 each_level = pytest.mark.parametrize(
     ("entry", "level"),
     [(entry, level) for entry in ENVS.values() for level in entry.levels],
@@ -50,6 +57,7 @@ def rollout_digest(name: str) -> str:
         make(name), seed=5, index=2, length=20, policy=RandomPolicy(entry.action_size)
     )
     digest.update(episode.pixels.tobytes() + episode.action.tobytes() + episode.state.tobytes())
+    digest.update(b"" if episode.context is None else episode.context.tobytes())
     for level in entry.levels:
         for scenario in scenarios(name, level, seed=1, count=2):
             digest.update(scenario.start.tobytes() + scenario.goal.tobytes())
@@ -270,6 +278,76 @@ def reaches(
         if env.distance(env.state, goal) <= env.success_radius:
             return True
     return False
+
+
+@each_context_env
+def test_a_context_shows_what_an_episode_keeps_and_nothing_that_moves(entry: EnvSpec) -> None:
+    env = gymnasium.make(entry.gym_id)
+    seen = []
+    for seed in range(4):
+        frame, info = env.reset(seed=seed, options={"collect": True})
+        context = info["context"].copy()
+        expect_array(context, (64, 64, 3), "uint8")
+        for _ in range(15):
+            other = np.any(frame != context, axis=2)
+            assert 0 < other.mean() < 0.25  # the agent, and all else is as in the context
+            info["context"][:] = 0
+            frame, *_, info = env.step(env.action_space.sample())
+            assert np.array_equal(info["context"], context)
+        seen.append(context.tobytes())
+    assert len(set(seen)) == len(seen)
+
+
+@each_context_env
+def test_a_scenario_has_one_context_for_start_and_goal(entry: EnvSpec) -> None:
+    env = make(entry.name)
+    for scenario in scenarios(entry.name, next(iter(entry.levels)), seed=1, count=3):
+        env.set_state(scenario.start, scenario.layout)
+        at_start = env.context
+        env.set_state(scenario.goal, scenario.layout)
+        assert at_start is not None
+        assert env.context is not None
+        assert np.array_equal(at_start, env.context)
+
+
+@each_context_env
+def test_no_layout_is_seen_both_in_training_and_in_evaluation(entry: EnvSpec) -> None:
+    env = make(entry.name)
+    trained = [env.sample_start(generator("collect", 0, i))[1] for i in range(1000)]
+    evaluated = [
+        scenario.layout
+        for domain in ("scenario-val", "scenario-test")
+        for scenario in scenarios(
+            entry.name, next(iter(entry.levels)), seed=0, count=10, domain=domain
+        )
+    ]
+    layouts = {layout.tobytes() for layout in (*trained, *evaluated)}
+    assert len(layouts) == len(trained) + len(evaluated)
+    assert {layout.shape for layout in (*trained, *evaluated)} == {trained[0].shape}
+    assert trained[0].dtype == np.float32
+
+
+@each_context_env
+def test_a_layout_of_another_shape_is_refused(entry: EnvSpec) -> None:
+    env = make(entry.name)
+    with pytest.raises(ValueError, match="layout"):
+        env.set_state(env.state, np.zeros(3, dtype=np.float32))
+
+
+@each_context_env
+def test_a_collection_stores_the_context_of_every_episode(entry: EnvSpec, tmp_path: Path) -> None:
+    env, policy = make(entry.name), RandomPolicy(entry.action_size)
+    shards = [shard_path(tmp_path, index) for index in range(2)]
+    contexts = []
+    for index, path in enumerate(shards):
+        episode = collect_episode(env, seed=0, index=index, length=5, policy=policy)
+        write_shard(path, episode)
+        assert episode.context is not None
+        contexts.append(episode.context)
+    compact(shards, tmp_path / "dataset.h5")
+    stored = Dataset.load(tmp_path / "dataset.h5").context
+    assert stored is not None
+    assert np.array_equal(stored, contexts)
 
 
 @each_env

@@ -1,0 +1,37 @@
+"""Obstacles that change with the episode: rectangles as a vector of numbers and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elast_cli.envs.base import Vector
+from elast_cli.envs.shortest import Rect
+
+_DIGITS = 6  # decimals that single precision keeps of a length in the unit square
+
+
+def layout_of(rects: Sequence[Rect]) -> Vector:
+    """The layout f32 [4 M] that stands for M rectangles."""
+    return np.array(rects, dtype=np.float32).ravel()
+
+
+def rects_of(layout: Vector, *, count: int) -> tuple[Rect, ...]:
+    """The rectangles that a layout f32 [4 count] stands for, in workspace widths.
+
+    Raises:
+        ValueError: if it stands for another number of them, or for no rectangles at all.
+    """
+    corners = np.round(np.asarray(layout, dtype=np.float64), _DIGITS)
+    if corners.shape != (4 * count,):
+        raise ValueError(f"layout of shape {corners.shape}: expected {4 * count} numbers")
+    rects = corners.reshape(count, 4)
+    if not (rects[:, :2] < rects[:, 2:]).all():
+        raise ValueError(f"layout {corners.tolist()}: each four must be x_min, y_min, x_max, y_max")
+    return tuple((a, b, c, d) for a, b, c, d in rects.tolist())
+
+
+def whole_cells(rng: np.random.Generator, low: float, high: float, *, cell: float) -> float:
+    """A random multiple of `cell` in [low, high], each equally likely; both are multiples."""
+    return round(int(rng.integers(round(low / cell), round(high / cell) + 1)) * cell, _DIGITS)
