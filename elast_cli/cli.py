@@ -21,6 +21,7 @@ from typer.exceptions import TyperException
 
 from elast_cli.errors import ElastError, StorageError, UsageError
 from elast_cli.options import (
+    ContextInput,
     DatasetInput,
     EncoderInput,
     EnsembleInput,
@@ -87,8 +88,17 @@ def collect(
 
 @app.command()
 @takes(DatasetInput, Fitting, Lineage, Running)
-def train_encoder(
+def train_context(
     env: Env, inputs: DatasetInput, fitting: Fitting, lineage: Lineage, running: Running
+) -> None:
+    """Train the context autoencoder, where obstacles change with the episode."""
+    _train("context", env, inputs, fitting, lineage, running)
+
+
+@app.command()
+@takes(ContextInput, Fitting, Lineage, Running)
+def train_encoder(
+    env: Env, inputs: ContextInput, fitting: Fitting, lineage: Lineage, running: Running
 ) -> None:
     """Train the encoder with its forward model (contrastive predictive coding)."""
     _train("encoder", env, inputs, fitting, lineage, running)

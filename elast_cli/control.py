@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
@@ -397,21 +397,23 @@ def run_episodes(
     *,
     max_steps: int,
     seeds: Int64,
-    context: Float32,
+    context: Callable[[Sequence[Mapping[str, Any]]], Float32],
     keep_frames: bool = False,
 ) -> list[Trace]:
     """Run one episode a scenario, all side by side, each to the end of its budget.
 
     Success is being within the radius at any step. From then on a row no longer counts as running:
     the controller acts on, without new plans, and only whether it holds the goal is of interest.
+    `context` makes the context vectors [B,C], constant in an episode, of what every reset told.
     """
     first = [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
-    goals = np.stack([info["goal"] for _, info in first])
+    told = [info for _, info in first]
+    goals = np.stack([info["goal"] for info in told])
     history = [[frame] for frame, _ in first]
-    states = [[info["state"]] for _, info in first]
+    states = [[info["state"]] for info in told]
     steps: list[int | None] = [None] * len(envs)
     held = [False] * len(envs)
-    task = Task(np.repeat(goals[:, None], FRAMES, axis=1), context, seeds)
+    task = Task(np.repeat(goals[:, None], FRAMES, axis=1), context(told), seeds)
     state = controller.begin(task)
     for t in range(max_steps):
         running = np.array([done is None for done in steps])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,11 @@ import numpy as np
 
 from elast_cli.errors import UsageError
 from elast_cli.manifest import JsonDict
+from elast_cli.shapes import Float32
 
 if TYPE_CHECKING:
     from elast_cli.control import Controller
+    from elast_cli.models.context import ContextAutoencoder
     from elast_cli.models.cpc import Representation
     from elast_cli.models.density import TransitionDensity
     from elast_cli.models.policy import LocalPolicy
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 class Models:
     """Trained parts loaded for inference; what a method does not need stays None."""
 
+    context: ContextAutoencoder | None
     encoder: Representation
     ensemble: SupportedDynamics
     density: TransitionDensity
@@ -44,7 +48,7 @@ class Method:
     Attributes:
         name: the word given to `--methods`.
         about: one line for people.
-        needs: kinds of artifacts.
+        needs: kinds of artifacts; `context` only where the environment has one.
         uses: sections of the preset that change its results.
         build: from (models, preset, environment, rows) to a controller.
         changes: keys of sections that differ from the preset, for variants.
@@ -157,7 +161,7 @@ def _random(models: Models, preset: Preset, env: str, rows: int) -> Controller[A
     return Random([RandomPolicy(size, preset.collect.policy) for _ in range(rows)])
 
 
-_LEARNED = ("encoder", "ensemble", "density", "policy")
+_LEARNED = ("context", "encoder", "ensemble", "density", "policy")
 METHODS: dict[str, Method] = {}
 
 
@@ -176,7 +180,11 @@ def variant(
 
 
 _add(Method("elast", "tree search with all tests", _LEARNED, ("planner", "control"), _elast))
-_add(Method("cpc-cem", "cross-entropy method on h_f", ("encoder",), ("cem", "control"), _cem))
+_add(
+    Method(
+        "cpc-cem", "cross-entropy method on h_f", ("context", "encoder"), ("cem", "control"), _cem
+    )
+)
 _add(Method("random", "the collection policy", (), ("collect",), _random))
 variant(
     "elast-psi",
@@ -248,6 +256,26 @@ def load_models(folders: Mapping[str, Path], device: str) -> Models:
     return Models(**parts)
 
 
+def context_reader(
+    folders: Mapping[str, Path], device: str
+) -> Callable[[Sequence[Mapping[str, Any]]], Float32]:
+    """From what `reset` told of B episodes to their context vectors [B,C].
+
+    C = 0 where `folders` has no `context`: the method or the environment does without.
+    """
+    given = {kind: folders[kind] for kind in ("context",) if kind in folders}
+    return partial(context_of, load_models(given, device).context)
+
+
+def context_of(model: ContextAutoencoder | None, infos: Sequence[Mapping[str, Any]]) -> Float32:
+    """Context vectors [B,C] of what `reset` told of B episodes; C = 0 without a model."""
+    from elast_cli.models.context import context_vectors
+
+    if model is None:
+        return np.zeros((len(infos), 0), np.float32)
+    return context_vectors(model, np.stack([info["context"] for info in infos]))
+
+
 def controller(
     name: str, folders: Mapping[str, Path], preset: Preset, env: str, *, device: str, rows: int
 ) -> Controller[Any]:
@@ -262,5 +290,6 @@ def controller(
         rows: number of episodes B.
     """
     method = method_named(name)
-    models = load_models({kind: folders[kind] for kind in method.needs}, device)
+    needed = {kind: path for kind, path in folders.items() if kind in method.needs}
+    models = load_models(needed, device)
     return method.build(models, method.configure(preset), env, rows)

@@ -89,7 +89,16 @@ class DatasetInput:
 
 
 @dataclass(frozen=True)
-class EncoderInput(DatasetInput):
+class ContextInput(DatasetInput):
+    """And the context autoencoder."""
+
+    context: Annotated[
+        str | None, Option(metavar="REF", help="As --dataset; only where episodes differ.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class EncoderInput(ContextInput):
     """And the encoder."""
 
     encoder: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None

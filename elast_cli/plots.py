@@ -165,6 +165,29 @@ def film_strip(
             figure.suptitle(caption, x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
+def reconstruction_strip(
+    images: Frames, reconstructions: Frames, path: Path, *, labels: Sequence[object]
+) -> None:
+    """Images as a PNG row, each above what an autoencoder makes of it.
+
+    Args:
+        images: [N, H, W, 3] u8.
+        reconstructions: [N, H', W', 3] u8.
+        path: where the PNG goes.
+        labels: which episode each image is of.
+    """
+    columns = len(images)
+    with figure_png(path, 0.2 + 1.02 * columns, 2.5) as figure:
+        frame_grid(
+            figure,
+            figure.add_gridspec(1, 1)[0],
+            [*images, *reconstructions],
+            labels=[*(f"episode {label}" for label in labels), *["reconstructed"] * columns],
+            colours=[FAINT] * (2 * columns),
+            columns=columns,
+        )
+
+
 def animation(
     frames: Frames,
     goal: Frame,

@@ -12,6 +12,7 @@ from pydantic import Field
 
 import elast_cli
 from elast_cli.config import StrictModel, parse_yaml, read_yaml, suggestion, validate
+from elast_cli.context_training import ContextStage
 from elast_cli.control import ControlConfig
 from elast_cli.envs import RandomPolicyConfig, spec
 from elast_cli.errors import ConfigError, UsageError
@@ -53,6 +54,7 @@ class Preset(StrictModel):
         default_factory=dict
     )  # of the environment's own config class, complete after `load`
     collect: CollectConfig = CollectConfig()
+    context: ContextStage = ContextStage()
     encoder: EncoderStage = EncoderStage()
     ensemble: EnsembleStage = EnsembleStage()
     density: DensityStage = DensityStage()

@@ -7,6 +7,7 @@ import numpy as np
 from elast_cli.shapes import Float32, Int64
 
 PROBE_ROWS = 5_000
+NEIGHBORS = 5
 
 
 def probe_state(z: Float32, state: Float32, train: Int64, val: Int64) -> dict[str, float]:
@@ -23,7 +24,8 @@ def probe_state(z: Float32, state: Float32, train: Int64, val: Int64) -> dict[st
     design = np.c_[(x - center) / spread, np.ones(len(x))]
     weights = np.linalg.solve(design.T @ design + 1e-3 * np.eye(design.shape[1]), design.T @ y)
     linear = np.c_[(z[val] - center) / spread, np.ones(len(val))] @ weights
-    _, neighbors = cKDTree(z[train]).query(z[val], k=5)
+    few = np.arange(min(NEIGHBORS, len(train))) + 1
+    _, neighbors = cKDTree(z[train]).query(z[val], k=few)
     nearest = y[neighbors].mean(1)
     variance = max(float(state[val].var(0).mean()), 1e-12)
     return {

@@ -46,6 +46,7 @@ __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_
 
 _MAKERS = {
     "dataset": "collect",
+    "context": "train-context",
     "encoder": "train-encoder",
     "ensemble": "train-ensemble",
     "density": "train-density",

@@ -64,7 +64,7 @@ class Trained:
     """A trained module with its training curve and final metrics."""
 
     module: nn.Module
-    sizes: Sizes
+    sizes: Sizes | None
     curve: list[dict[str, float]]
     metrics: dict[str, float]
 

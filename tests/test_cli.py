@@ -16,7 +16,14 @@ from elast_cli.store import Ref, Store
 
 ELAST = [sys.executable, "-m", "elast_cli"]
 COLLECT = ["collect", "--env", "block-s", "--n", "100", "--workers", "1", "--quiet"]
-COMMANDS = ["collect", "train-encoder", "train-ensemble", "train-density", "train-policy"]
+COMMANDS = [
+    "collect",
+    "train-context",
+    "train-encoder",
+    "train-ensemble",
+    "train-density",
+    "train-policy",
+]
 COMMANDS += ["plan", "eval", "run", "ls", "show", "verify", "compare", "doctor", "gc"]
 
 

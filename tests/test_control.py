@@ -379,7 +379,7 @@ def run(controller: Any, scenarios: list[tuple[int, int]], **options: Any) -> li
         envs,
         scenarios,
         seeds=np.arange(rows),
-        context=np.zeros((rows, 1), np.float32),
+        context=lambda infos: np.zeros((len(infos), 1), np.float32),
         **options,
     )
 

@@ -170,6 +170,7 @@ def test_the_encoders_losses_fall_and_its_latents_hold_the_state(encoder: Traine
     assert fell(encoder, "val_info_nce", 0.8)
     assert encoder.metrics["probe_knn_r2"] > 0.8
     assert 1.5 < encoder.metrics["latent_dimensions_used"] <= 3
+    assert encoder.sizes is not None
     assert encoder.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
 
 

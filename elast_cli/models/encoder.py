@@ -9,8 +9,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
-from elast_cli.models.nets import MAX_WIDTH, mlp
-from elast_cli.shapes import FRAMES, IMAGE_SIZE
+from elast_cli.models.nets import MAX_WIDTH, PooledImages, mlp
+from elast_cli.shapes import FRAMES
 
 
 class EncoderConfig(StrictModel):
@@ -22,7 +22,7 @@ class EncoderConfig(StrictModel):
     pool: Literal[1, 2, 4, 8] = 4
 
 
-class Encoder(nn.Module):
+class Encoder(PooledImages):
     """φ: frames [..., F, 64, 64, 3] -> latent [..., Z].
 
     Work that depends on one frame alone is done once for a whole dataset by `preprocess`; `forward`
@@ -30,51 +30,24 @@ class Encoder(nn.Module):
     global scale. Without that normalisation the latent collapses to one dimension.
     """
 
-    mean: Tensor
-    scale: Tensor
-
     def __init__(self, config: EncoderConfig, context_size: int = 0) -> None:
-        super().__init__()
+        super().__init__(config.pool)
         self.config = config
-        side = IMAGE_SIZE // config.pool
-        self.register_buffer("mean", torch.zeros(3, side, side))
-        self.register_buffer("scale", torch.ones(()))
+        side = self.side
         if config.architecture == "pooled-mlp":
             n_in = FRAMES * 3 * side * side + context_size
             self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
         else:
             self.net = ConvStack(side, config, context_size)
 
-    def preprocess(self, pixels: Tensor) -> Tensor:
-        """Average-pool frames uint8 [N,64,64,3] to uint8-valued float16 [N,3,S,S] in [0, 255]."""
-        side, pool = IMAGE_SIZE // self.config.pool, self.config.pool
-        parts = [
-            _block_sums(part.float(), side, pool).div_(pool * pool).half()
-            for part in pixels.split(256)  # small enough to stay in the cache
-        ]
-        return torch.cat(parts).permute(0, 3, 1, 2).contiguous()
-
-    def fit_normalization(self, features: Tensor) -> None:
-        """Set the mean image and the global scale from preprocessed frames [N,3,S,S]."""
-        sample = features.float()
-        self.mean.copy_(sample.mean(0))
-        self.scale.copy_((sample - self.mean).square().mean().sqrt().clamp_min(1e-3))
-
     def forward(self, features: Tensor, context: Tensor) -> Tensor:
         """Encode stacks [M,F,3,S,S] with contexts [M,C] to latents [M,Z]."""
-        x = (features.float() - self.mean) / self.scale
+        x = self.normalized(features)
         if isinstance(self.net, ConvStack):
             latent: Tensor = self.net(x.flatten(1, 2), context)
         else:
             latent = self.net(torch.cat([x.flatten(1), context], dim=1))
         return latent
-
-
-def _block_sums(x: Tensor, side: int, pool: int) -> Tensor:
-    """Sums over pool x pool blocks of frames [N,P·S,P·S,3]: [N,S,S,3]; rows first, for speed."""
-    rows: Tensor = x.unflatten(1, (side, pool))
-    columns: Tensor = rows.sum(2).unflatten(2, (side, pool))
-    return columns.sum(3)
 
 
 class ConvStack(nn.Module):

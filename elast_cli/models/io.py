@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from elast_cli.config import StrictModel, dump_yaml, open_regular, read_yaml, validate
 from elast_cli.errors import DataError
+from elast_cli.models.context import ContextAutoencoder, ContextConfig
 from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
 from elast_cli.models.dynamics import EnsembleConfig
@@ -33,6 +34,13 @@ class Sizes(StrictModel):
     action: int = Field(gt=0, le=_MAX_WIDTH)
     context: int = Field(ge=0, le=_MAX_WIDTH)
     state: int = Field(gt=0, le=_MAX_WIDTH)
+
+
+class _ContextSpec(StrictModel):
+    net: ContextConfig
+
+    def build(self) -> nn.Module:
+        return ContextAutoencoder(self.net)
 
 
 class _EncoderSpec(StrictModel):
@@ -77,8 +85,9 @@ class _PolicySpec(StrictModel):
         return LocalPolicy(self.net, sizes.latent, sizes.action, sizes.context)
 
 
-Spec = _EncoderSpec | _EnsembleSpec | _DensitySpec | _PolicySpec
+Spec = _ContextSpec | _EncoderSpec | _EnsembleSpec | _DensitySpec | _PolicySpec
 SPECS: dict[str, type[Spec]] = {
+    "context": _ContextSpec,
     "encoder": _EncoderSpec,
     "ensemble": _EnsembleSpec,
     "density": _DensitySpec,
@@ -86,10 +95,17 @@ SPECS: dict[str, type[Spec]] = {
 }
 
 
-def save_model(folder: Path, module: nn.Module, *, sizes: Sizes) -> None:
-    """Write the weights and all that is needed to build the module again into `folder`."""
-    if isinstance(module, Representation):
-        spec: Spec = _EncoderSpec(sizes=sizes, net=module.encoder.config, cpc=module.cpc)
+def save_model(folder: Path, module: nn.Module, *, sizes: Sizes | None) -> None:
+    """Write the weights and all that is needed to build the module again into `folder`.
+
+    `sizes` is None for a context autoencoder alone, whose shape is its configuration.
+    """
+    if isinstance(module, ContextAutoencoder):
+        spec: Spec = _ContextSpec(net=module.config)
+    elif sizes is None:
+        raise TypeError(f"{type(module).__name__} is not a kind of artifact without sizes")
+    elif isinstance(module, Representation):
+        spec = _EncoderSpec(sizes=sizes, net=module.encoder.config, cpc=module.cpc)
     elif isinstance(module, SupportedDynamics):
         spec = _EnsembleSpec(sizes=sizes, net=module.config)
     elif isinstance(module, TransitionDensity):

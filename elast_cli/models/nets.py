@@ -8,6 +8,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from elast_cli.shapes import IMAGE_SIZE
+
 QUANTILE_GRID = 1001
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 
@@ -19,6 +21,45 @@ def mlp(sizes: Sequence[int]) -> nn.Sequential:
         layers += [nn.Linear(n_in, n_out), nn.ReLU()]
     layers.append(nn.Linear(sizes[-2], sizes[-1]))
     return nn.Sequential(*layers)
+
+
+class PooledImages(nn.Module):
+    """Images average-pooled to S x S, less their mean image, in units of one global scale."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, pool: int) -> None:
+        super().__init__()
+        self.pool, self.side = pool, IMAGE_SIZE // pool
+        self.register_buffer("mean", torch.zeros(3, self.side, self.side))
+        self.register_buffer("scale", torch.ones(()))
+
+    def preprocess(self, pixels: Tensor) -> Tensor:
+        """Average-pool frames uint8 [N,64,64,3] to uint8-valued float16 [N,3,S,S] in [0, 255]."""
+        side, pool = self.side, self.pool
+        parts = [
+            _block_sums(part.float(), side, pool).div_(pool * pool).half()
+            for part in pixels.split(256)  # small enough to stay in the cache
+        ]
+        return torch.cat(parts).permute(0, 3, 1, 2).contiguous()
+
+    def fit_normalization(self, features: Tensor) -> None:
+        """Set the mean image and the global scale from preprocessed frames [N,3,S,S]."""
+        sample = features.float()
+        self.mean.copy_(sample.mean(0))
+        self.scale.copy_((sample - self.mean).square().mean().sqrt().clamp_min(1e-3))
+
+    def normalized(self, features: Tensor) -> Tensor:
+        """Preprocessed frames [...,3,S,S] without the mean image, of order one."""
+        return (features.float() - self.mean) / self.scale
+
+
+def _block_sums(x: Tensor, side: int, pool: int) -> Tensor:
+    """Sums over pool x pool blocks of frames [N,P·S,P·S,3]: [N,S,S,3]; rows first, for speed."""
+    rows: Tensor = x.unflatten(1, (side, pool))
+    columns: Tensor = rows.sum(2).unflatten(2, (side, pool))
+    return columns.sum(3)
 
 
 class EnsembleLinear(nn.Module):

@@ -15,7 +15,7 @@ from elast_cli.requirements import Requirement, check, expect, parse_requirement
 from elast_cli.stages import evaluate
 from elast_cli.stages.inspect import episode_rows
 from elast_cli.stages.job import Job
-from elast_cli.stages.resolve import resolve
+from elast_cli.stages.resolve import present, resolve
 from elast_cli.stages.results import report_step, table_text
 from elast_cli.stages.run import make_models, planned_models
 from elast_cli.store import Ref
@@ -122,7 +122,7 @@ def planned(job: Job, bench: Benchmark) -> list[JsonDict]:
         }
         for method in bench.methods:
             ref = None
-            if all(role in given for role in method_named(method).needs):
+            if all(role in given for role in present(job.env, method_named(method).needs)):
                 ready = replace(of_seed, given=given)
                 ref = evaluate.step(ready, method, bench.levels_of(job.env)).published()
             published = str(ref) if ref else None

@@ -125,7 +125,7 @@ def _chunks(
 def _run_chunk(chunk: _Chunk) -> int:
     """Number of episodes run and written; an episode is the same whoever it runs beside."""
     from elast_cli.control import run_episodes
-    from elast_cli.methods import controller
+    from elast_cli.methods import context_reader, controller
 
     job = chunk.job
     limit_threads(job.threads)
@@ -138,7 +138,7 @@ def _run_chunk(chunk: _Chunk) -> int:
         chunk.scenarios,
         max_steps=level.max_steps,
         seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
-        context=np.zeros((len(envs), 0), np.float32),
+        context=context_reader(folders, job.device),
         keep_frames=True,
     )
     kept: set[bool] = set()  # the first success and the first failure are drawn

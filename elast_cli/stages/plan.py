@@ -11,7 +11,7 @@ import numpy as np
 from elast_cli.envs import Scenario, make, scenarios, spec
 from elast_cli.errors import UsageError
 from elast_cli.manifest import JsonDict
-from elast_cli.methods import METHODS, Method, load_models, method_named
+from elast_cli.methods import METHODS, Method, context_of, load_models, method_named
 from elast_cli.publish import Run
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
@@ -82,7 +82,7 @@ def _plan(
     scenario = _scenario(job, level, index)
     env = make(job.env, job.config.env)
     start, info = env.reset(options={"scenario": scenario})
-    encode, context = FrameEncoder(models.encoder.encoder), np.zeros((1, 0), np.float32)
+    encode, context = FrameEncoder(models.encoder.encoder), context_of(models.context, [info])
     query = Query(
         encode(_resting(start), context),
         encode(_resting(info["goal"]), context),

@@ -4,44 +4,66 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from elast_cli.envs import ElastEnv, spec
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.stages.job import Job
 from elast_cli.store import Manifest, Ref
 
 MAKERS: Mapping[str, str] = {
     "dataset": "collect",
+    "context": "train-context",
     "encoder": "train-encoder",
     "ensemble": "train-ensemble",
     "density": "train-density",
     "policy": "train-policy",
 }
 ROLES = tuple(MAKERS)  # in the order in which they are made
-NEEDS: Mapping[str, tuple[str, ...]] = {
+_NEEDS: Mapping[str, tuple[str, ...]] = {
     "dataset": (),
-    "encoder": ("dataset",),
-    "ensemble": ("dataset", "encoder"),
-    "density": ("dataset", "encoder"),
-    "policy": ("dataset", "encoder", "ensemble"),
+    "context": ("dataset",),
+    "encoder": ("dataset", "context"),
+    "ensemble": ("dataset", "context", "encoder"),
+    "density": ("dataset", "context", "encoder"),
+    "policy": ("dataset", "context", "encoder", "ensemble"),
 }
+
+
+def has_context(env: str) -> bool:
+    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
+    return spec(env).env_class.context is not ElastEnv.context
+
+
+def present(env: str, roles: Sequence[str]) -> list[str]:
+    """Those of the roles that an environment has: without contexts there is no `context`."""
+    return [role for role in roles if role != "context" or has_context(env)]
+
+
+def needs(env: str, role: str) -> list[str]:
+    """What a role is made from, in the order in which it is made."""
+    return present(env, _NEEDS[role])
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
     """One artifact a role, all of one lineage: of the job's environment, preset and seed.
 
-    What is not given is the highest version that fits the rest; the choice is noted.
+    What is not given is the highest version that fits the rest; the choice is noted. `context` is
+    left out where the environment has none.
 
     Raises:
-        UsageError: a given ref is of another kind than its role.
+        UsageError: a given ref is of another kind than its role, or a context where there is none.
         DataError: given artifacts are damaged, of another lineage, or of two lineages.
         MissingInputError: something is not made yet; says which command makes it.
     """
     given = {role: ref for role, ref in job.given.items() if role in ROLES}
+    if "context" in given:
+        refuse_without_context(job.env)
     search = _Search(job, given)
+    roles = present(job.env, roles)
     wanted = [role for role in ROLES if role in roles or role in given]
     for end in range(1, len(wanted) + 1):
         if search.choose(wanted[:end], {}) is None:
             role = wanted[end - 1]
-            before = [need for need in NEEDS[role] if not search.candidates[need]]
+            before = [need for need in needs(job.env, role) if not search.candidates[need]]
             raise MissingInputError(_missing(job, [*before, role][0], given))
     chosen = search.choose(wanted, {})
     assert chosen is not None  # the loop's last turn
@@ -140,6 +162,15 @@ class _Search:
                             f"{ref} and {other} are of different lineages: {role} digest "
                             f"{parent.digest[:12]} against {theirs[role][:12]}"
                         )
+
+
+def refuse_without_context(env: str) -> None:
+    """Raise UsageError if an environment has no contexts."""
+    if not has_context(env):
+        raise UsageError(
+            f"{env} has no contexts: nothing in it changes from episode to episode; "
+            f"run: elast train-encoder --env {env}"
+        )
 
 
 def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from elast_cli.manifest import JsonDict
 from elast_cli.stages import collect, train
 from elast_cli.stages.job import Job, Step
-from elast_cli.stages.resolve import NEEDS, ROLES
+from elast_cli.stages.resolve import ROLES, needs, present
 from elast_cli.stages.workers import each, relayed
 from elast_cli.store import Ref
 
@@ -21,9 +21,9 @@ def make_models(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
 
     Results are the same for any number of workers.
     """
-    needed = _closed(roles)
+    needed = _closed(job.env, roles)
     made: dict[str, Ref] = {}
-    for role in ("dataset", "encoder"):
+    for role in ("dataset", "context", "encoder"):
         if role in needed:
             made[role] = _step(_after(job, made), role).carry_out()
     branches = [
@@ -47,9 +47,9 @@ def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
     """What `make_models` would find and make, in order."""
     there: dict[str, Ref] = {}
     rows: list[JsonDict] = []
-    for role in _closed(roles):
+    for role in _closed(job.env, roles):
         ref = None
-        if all(need in there for need in NEEDS[role]):
+        if all(need in there for need in needs(job.env, role)):
             ref = _step(_after(job, there), role).published()
         if ref:
             there[role] = ref
@@ -61,12 +61,12 @@ def _text(ref: Ref | None) -> str | None:
     return str(ref) if ref else None
 
 
-def _closed(roles: Sequence[str]) -> list[str]:
+def _closed(env: str, roles: Sequence[str]) -> list[str]:
     """These roles and all they need, in the order in which they are made."""
-    needed = set(roles)
+    needed = set(present(env, roles))
     for role in reversed(ROLES):
         if role in needed:
-            needed |= set(NEEDS[role])
+            needed |= set(needs(env, role))
     return [role for role in ROLES if role in needed]
 
 

@@ -7,16 +7,18 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elast_cli.config import StrictModel
+from elast_cli.errors import DataError
 from elast_cli.fit import CHECKPOINT, write_metrics
 from elast_cli.manifest import JsonDict
 from elast_cli.preset import Preset
 from elast_cli.publish import Run
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import Job, Step, limit_threads
-from elast_cli.stages.resolve import NEEDS, resolve
+from elast_cli.stages.resolve import has_context, needs, refuse_without_context, resolve
 from elast_cli.store import Ref
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from elast_cli.training import LatentData, Setting, Trained
 
 ALGORITHM_VERSION = 1
+CONTEXT_PICTURE = "reconstructions.png"
+MOST_CONTEXTS = 10  # in the picture
 
 
 def section(config: Preset, kind: str) -> StrictModel:
@@ -40,8 +44,11 @@ def step(job: Job, kind: str) -> Step:
     Raises:
         MissingInputError: an input is not made yet.
         DataError: the inputs named are of different lineages.
+        UsageError: a context, where the environment has none.
     """
-    inputs = resolve(job, NEEDS[kind])
+    if kind == "context":
+        refuse_without_context(job.env)
+    inputs = resolve(job, needs(job.env, kind))
     config: JsonDict = {kind: section(job.config, kind).model_dump(mode="json")}
     recipe = job.recipe(kind, config, inputs, algorithm_version=ALGORITHM_VERSION)
     return Step(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
@@ -70,18 +77,59 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     began, cpu = time.monotonic(), time.process_time()
     limit_threads(job.threads)
     dataset = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE))
-    context = torch.zeros(dataset.episodes, 0)
+    _check_contexts(job, inputs["dataset"], dataset)
     setting = Setting(
         seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
     )
     with _disk_errors(run):
-        trained = _TRAINERS[kind](job, inputs, dataset, context, setting)
+        trained = _TRAINERS[kind](job, inputs, dataset, setting)
         save_model(run.staging, trained.module, sizes=trained.sizes)
         write_metrics(trained.curve, run.staging)
+        if kind == "context":
+            _draw_contexts(trained.module, dataset, setting, run.staging / CONTEXT_PICTURE)
     metrics: JsonDict = {**trained.metrics}
     metrics["wall_s"] = round(time.monotonic() - began, 3)
     metrics["cpu_s"] = round(time.process_time() - cpu, 3)
     return metrics
+
+
+def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
+    """Raise DataError unless the dataset has the context images that its environment shows."""
+    from elast_cli.shapes import IMAGE_SIZE
+
+    shape = (IMAGE_SIZE, IMAGE_SIZE, 3) if has_context(job.env) else None
+    found = None if dataset.context is None else dataset.context.shape[1:]
+    if found != shape:
+        raise DataError(
+            f"{ref}: context images of shape {found}, but {job.env} has {shape}; "
+            f"collect it anew: elast collect {job.flags()} --force"
+        )
+
+
+def _context(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Tensor:
+    """Context vector of each episode [E,C]; C = 0 where the environment has none."""
+    import torch
+
+    from elast_cli.models.context import ContextAutoencoder, context_vectors
+
+    if dataset.context is None:
+        return torch.zeros(dataset.episodes, 0)
+    model = load(job, "context", inputs["context"]).to(setting.device)
+    assert isinstance(model, ContextAutoencoder)
+    return torch.from_numpy(context_vectors(model, dataset.context))
+
+
+def _draw_contexts(module: nn.Module, dataset: Dataset, setting: Setting, path: Path) -> None:
+    """A few held-out context images above what the autoencoder makes of them."""
+    from elast_cli.models.context import ContextAutoencoder, reconstructions
+    from elast_cli.plots import reconstruction_strip
+
+    assert isinstance(module, ContextAutoencoder)
+    assert dataset.context is not None
+    _, held_out = dataset.split(setting.validation_share, setting.seed)
+    shown = held_out[:MOST_CONTEXTS]
+    images = dataset.context[shown]
+    reconstruction_strip(images, reconstructions(module, images), path, labels=shown.tolist())
 
 
 @contextmanager
@@ -107,59 +155,61 @@ def _disk_errors(run: Run) -> Iterator[None]:
 
 # --- one trainer a part --------------------------------------------------------------------------
 
-_Trainer = Callable[[Job, Mapping[str, Ref], "Dataset", "Tensor", "Setting"], "Trained"]
+_Trainer = Callable[[Job, Mapping[str, Ref], "Dataset", "Setting"], "Trained"]
 
 
-def _encoder(
-    job: Job, _inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
+def _context_images(
+    job: Job, _inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting
 ) -> Trained:
+    from elast_cli.context_training import train_context
+
+    assert dataset.context is not None
+    split = dataset.split(setting.validation_share, setting.seed)
+    return train_context(dataset.context, split, job.config.context, setting)
+
+
+def _encoder(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
     from elast_cli.training import train_encoder
 
+    context = _context(job, inputs, dataset, setting)
     return train_encoder(dataset, context, job.config.encoder, setting)
 
 
-def _ensemble(
-    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
-) -> Trained:
+def _ensemble(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
     from elast_cli.training import train_ensemble
 
-    data = _encoded(job, inputs, dataset, context, setting)
+    data = _encoded(job, inputs, dataset, setting)
     return train_ensemble(data, job.config.ensemble, setting)
 
 
-def _density(
-    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
-) -> Trained:
+def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
     from elast_cli.training import train_density
 
-    data = _encoded(job, inputs, dataset, context, setting)
+    data = _encoded(job, inputs, dataset, setting)
     return train_density(data, job.config.density, setting)
 
 
-def _policy(
-    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
-) -> Trained:
+def _policy(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
     from elast_cli.models.support import SupportedDynamics
     from elast_cli.training import train_policy
 
-    data = _encoded(job, inputs, dataset, context, setting)
+    data = _encoded(job, inputs, dataset, setting)
     ensemble = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
     assert isinstance(ensemble, SupportedDynamics)
     return train_policy(data, ensemble.ensemble, job.config.policy, setting)
 
 
-def _encoded(
-    job: Job, inputs: Mapping[str, Ref], dataset: Dataset, context: Tensor, setting: Setting
-) -> LatentData:
+def _encoded(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> LatentData:
     from elast_cli.models.cpc import Representation
     from elast_cli.training import encode
 
     model = load(job, "encoder", inputs["encoder"]).to(setting.device)
     assert isinstance(model, Representation)
-    return encode(dataset, context, model, setting)
+    return encode(dataset, _context(job, inputs, dataset, setting), model, setting)
 
 
 _TRAINERS: Mapping[str, _Trainer] = {
+    "context": _context_images,
     "encoder": _encoder,
     "ensemble": _ensemble,
     "density": _density,

@@ -1,0 +1,100 @@
+"""Context autoencoder: raw images of what is constant in an episode to small vectors (Sec. 5)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from elast_cli.config import StrictModel
+from elast_cli.models.nets import PooledImages
+from elast_cli.shapes import Float32, Uint8
+
+_SMALLEST = 4  # side of the innermost feature maps
+
+
+class ContextConfig(StrictModel):
+    """Shape of the autoencoder; the paper says only that it is convolutional."""
+
+    latent_size: int = Field(default=16, gt=0, le=256)
+    channels: int = Field(default=16, gt=0, le=256, description="of the first layer")
+    pool: Literal[1, 2, 4] = 2
+
+
+class ContextAutoencoder(PooledImages):
+    """Context image [64,64,3] -> code [C] -> image; standardised codes are the context vectors.
+
+    Strided convolutions (kernel 4, stride 2, doubling channels) down to 4 x 4, and back. Reading
+    the mean image and one global scale off the data makes the squared error of a prediction by the
+    mean image 1.
+    """
+
+    code_mean: Tensor
+    code_std: Tensor
+
+    def __init__(self, config: ContextConfig) -> None:
+        super().__init__(config.pool)
+        self.config = config
+        self.register_buffer("code_mean", torch.zeros(config.latent_size))
+        self.register_buffer("code_std", torch.ones(config.latent_size))
+        widths, side = [3], self.side
+        while side > _SMALLEST:
+            widths.append(config.channels * 2 ** (len(widths) - 1))
+            side //= 2
+        down: list[nn.Module] = []
+        up: list[nn.Module] = []
+        for outer, inner in pairwise(widths):
+            down += [nn.Conv2d(outer, inner, 4, stride=2, padding=1), nn.ReLU()]
+            up = [nn.ReLU(), nn.ConvTranspose2d(inner, outer, 4, stride=2, padding=1), *up]
+        inner_shape = (widths[-1], _SMALLEST, _SMALLEST)
+        flat = widths[-1] * _SMALLEST**2
+        self.down = nn.Sequential(*down, nn.Flatten(), nn.Linear(flat, config.latent_size))
+        self.up = nn.Sequential(
+            nn.Linear(config.latent_size, flat), nn.Unflatten(1, inner_shape), *up
+        )
+
+    def fit_codes(self, codes: Tensor) -> None:
+        """Set mean and deviation of codes [N,C]; a dimension that hardly varies stays small."""
+        std = codes.std(0, correction=0)
+        self.code_mean.copy_(codes.mean(0))
+        self.code_std.copy_(std.clamp_min(max(1e-3 * float(std.max()), 1e-6)))
+
+    def code(self, features: Tensor) -> Tensor:
+        """Preprocessed images [N,3,S,S] -> codes [N,C]."""
+        found: Tensor = self.down(self.normalized(features))
+        return found
+
+    def decode(self, code: Tensor) -> Tensor:
+        """Codes [N,C] -> normalised images [N,3,S,S]."""
+        image: Tensor = self.up(code)
+        return image
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Preprocessed images [N,3,S,S] -> context vectors [N,C]."""
+        return (self.code(features) - self.code_mean) / self.code_std
+
+
+def reconstruction_error(model: ContextAutoencoder, features: Tensor) -> Tensor:
+    """Mean squared error, in normalised units, of reconstructing images [N,3,S,S]: scalar."""
+    return (model.decode(model.code(features)) - model.normalized(features)).square().mean()
+
+
+@torch.inference_mode()
+def context_vectors(model: ContextAutoencoder, images: Uint8) -> Float32:
+    """Context vectors [N,C] of raw images u8 [N,64,64,3]; a row depends on its image alone."""
+    pixels = torch.from_numpy(images).to(model.mean.device)
+    rows = [model(model.preprocess(image)) for image in pixels.split(1)]
+    return torch.cat(rows).cpu().numpy()
+
+
+@torch.inference_mode()
+def reconstructions(model: ContextAutoencoder, images: Uint8) -> Uint8:
+    """What the autoencoder makes of raw images u8 [N,64,64,3]: u8 [N,S,S,3]."""
+    features = model.preprocess(torch.from_numpy(images).to(model.mean.device))
+    grey = model.decode(model.code(features)) * model.scale + model.mean
+    found: Uint8 = grey.clamp(0, 255).round().byte().permute(0, 2, 3, 1).cpu().numpy()
+    return np.ascontiguousarray(found)
