@@ -10,7 +10,7 @@ TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: venv demo test lint format clean
+.PHONY: venv demo test bench bench-quick lint format clean
 
 venv: $(READY)
 
@@ -31,6 +31,14 @@ demo: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+# Ratios within one run, into docs/results; models are trained on the first run (build/bench).
+bench: $(READY)
+	$(BIN)/python -m benchmarks --json docs/results/bench.json --profile docs/results/profile.md
+
+# The same with smaller models and fewer repetitions, in at most three minutes.
+bench-quick: $(READY)
+	$(BIN)/python -m benchmarks --quick
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -15,11 +15,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from benchmarks.document import Figure
+from benchmarks.trained import Bench, row
 from elast_cli.methods import Models, elast_planner
 from elast_cli.models.dense import DenseNetwork
 from elast_cli.planners.base import Query, World
 from elast_cli.planners.elast import TreeConfig
 
+MOST = 1.5
 NETWORKS = {  # called by each function of the world
     "step": ("ensemble",),
     "features": ("first",),
@@ -96,6 +99,30 @@ def measure(models: Models, config: TreeConfig, query: Query, *, repeats: int = 
         calls=len(calls),
         scenarios=len(query.start),
     )
+
+
+def figures(bench: Bench) -> list[Figure]:
+    """One scenario, and several at once; times are of one plan."""
+    query = bench.query(bench.sizes.rows)
+    found = []
+    for at_once in (row(query, 0), query):
+        times = measure(bench.models, bench.tree(), at_once, repeats=bench.sizes.repeats)
+        count = times.scenarios
+        found.append(
+            Figure(
+                measurement="arithmetic",
+                name=f"{count} at once over its network arithmetic by torch",
+                ratio=times.plan / times.torch,
+                at_most=MOST,
+                seconds={
+                    "a plan": times.plan / count,
+                    "by torch": times.torch / count,
+                    "by our kernels": times.kernels / count,
+                },
+                facts={"calls": times.calls},
+            )
+        )
+    return found
 
 
 class _Ensemble(nn.Module):

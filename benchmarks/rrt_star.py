@@ -1,17 +1,11 @@
 """Our rewiring beside OMPL's RRT* on a plane problem with exact dynamics (`pip install ompl`).
 
 A point in the S-shaped corridor moves straight by at most `RANGE` a step; a motion costs 1. Both
-planners get trees of the same number of nodes, the same start, goal and goal radius. Prints one
-JSON document: mean path cost and nodes a second of both, and their ratio.
-
-    python benchmarks/rrt_star.py --nodes 4000 --seeds 20
+planners get trees of the same number of nodes, the same start, goal and goal radius.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,6 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from benchmarks.document import Figure
+from benchmarks.trained import Bench
 from elast_cli.planners.base import Limits, Query, Radii
 from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
 from elast_cli.shapes import Bool, Float32, Float64, Int64
@@ -170,35 +166,36 @@ def theirs(nodes: int, _seed: int) -> tuple[float, int, float]:
     return (planner.bestCost().value() if exact else float("inf")), size, seconds
 
 
-def main() -> None:
-    """Run both and print the comparison."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--nodes", type=int, default=4000)
-    parser.add_argument("--seeds", type=int, default=20)
-    arguments = parser.parse_args()
-    from ompl import util
-
+def figures(bench: Bench) -> list[Figure]:
+    """Mean path cost of both, and their ratio; and their rates."""
+    names = "our mean path cost over RRT*'s", "our nodes/s over RRT*'s"
+    try:
+        from ompl import util
+    except ImportError:
+        note = "not measured: ompl is not installed (pip install -e .[bench])"
+        return [Figure(measurement="rrt_star", name=n, ratio=None, note=note) for n in names]
     util.RNG.setSeed(1)
     util.noOutputHandler()
+    sizes = bench.sizes
     ours(200, 0)  # compiles
-    result: dict[str, Any] = {"nodes": arguments.nodes, "seeds": arguments.seeds}
-    for name, planner in (("elast", ours), ("ompl_rrt_star", theirs)):
-        runs = [planner(arguments.nodes, seed) for seed in range(arguments.seeds)]
-        costs = np.array([cost for cost, _, _ in runs])
-        solved = np.isfinite(costs)
-        result[name] = {
-            "solved": int(solved.sum()),
-            "mean_path_cost": float(costs[solved].mean()),
-            "mean_nodes": float(np.mean([size for _, size, _ in runs])),
-            "nodes_per_second": float(
-                np.sum([size for _, size, _ in runs]) / np.sum([s for _, _, s in runs])
-            ),
-        }
-    mine, reference = (result[n]["mean_path_cost"] for n in ("elast", "ompl_rrt_star"))
-    result["path_cost_ratio"] = mine / reference
-    json.dump(result, sys.stdout, indent=1)
-    sys.stdout.write("\n")
-
-
-if __name__ == "__main__":
-    main()
+    runs = {
+        name: np.array([planner(sizes.nodes, seed) for seed in range(sizes.trees)])
+        for name, planner in (("elast", ours), ("ompl", theirs))
+    }
+    solved = {name: np.isfinite(found[:, 0]) for name, found in runs.items()}
+    cost = {name: runs[name][ok, 0].mean() for name, ok in solved.items() if ok.any()}
+    rate = {name: found[:, 1].sum() / found[:, 2].sum() for name, found in runs.items()}
+    seconds = {f"a tree, {name}": found[:, 2].mean() for name, found in runs.items()}
+    counts = " and ".join(f"{ok.sum()}/{sizes.trees}" for ok in solved.values())
+    ratios = (
+        cost["elast"] / cost["ompl"] if len(cost) == 2 else None,
+        rate["elast"] / rate["ompl"],
+    )
+    facts: dict[str, Any] = {"solved": counts, "nodes": sizes.nodes}
+    note = "callbacks of RRT* in Python"
+    return [
+        Figure(
+            measurement="rrt_star", name=name, ratio=ratio, seconds=seconds, facts=facts, note=note
+        )
+        for name, ratio in zip(names, ratios, strict=True)
+    ]

@@ -1,0 +1,59 @@
+"""A plan in batches against one expansion at a time: by our own engine, and written plainly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from benchmarks.document import Figure
+from benchmarks.serial import plan_serially
+from benchmarks.trained import Bench, row, timed
+from elast_cli.methods import elast_planner
+from elast_cli.planners.base import Query
+
+AIM = 15.0
+
+
+def figures(bench: Bench) -> list[Figure]:
+    """Two baselines, for one scenario and for several at once; times are of one plan."""
+    sizes, config = bench.sizes, bench.tree()
+    planner = elast_planner(bench.models, config)
+    one_by_one = elast_planner(bench.models, bench.tree(batch_min=1, batch_max=1))
+    query = bench.query(sizes.rows)
+    planner.plan(row(query, 0))  # compiles, or loads what was compiled
+    rows = [row(query, b) for b in range(sizes.serial_rows)]
+    baselines = {
+        "our engine one by one": [_solo(lambda q: one_by_one.plan(q).length[0], q) for q in rows],
+        "plain numpy and torch": [
+            _solo(lambda q: len(plan_serially(bench.models, config, q)[0].states), q) for q in rows
+        ],
+    }
+    found = []
+    for count, at_once in ((1, row(query, 0)), (sizes.rows, query)):
+        seconds, plan = timed(partial(planner.plan, at_once), sizes.repeats)
+        for name, runs in baselines.items():
+            slow, steps = np.mean(runs[:count], axis=0)
+            found.append(
+                Figure(
+                    measurement="batch",
+                    name=f"{count} at once against {name}",
+                    ratio=slow * count / seconds,
+                    at_least=AIM,
+                    seconds={"a plan": seconds / count, "one by one": slow},
+                    facts={
+                        "reached": f"{plan.reached.sum()}/{count}",
+                        "steps": float(plan.length.mean() - 1),
+                        "steps one by one": float(steps),
+                        "plans one by one": len(runs[:count]),
+                    },
+                )
+            )
+    return found
+
+
+def _solo(length: Callable[[Query], int], query: Query) -> tuple[float, int]:
+    """Seconds and steps of a plan made by a function that returns its number of states."""
+    seconds, states = timed(lambda: length(query))
+    return seconds, states - 1

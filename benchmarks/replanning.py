@@ -1,0 +1,72 @@
+"""The second and later plans of an episode, which reuse its tree, against the first."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from benchmarks.document import Figure
+from benchmarks.trained import ENV, LEVEL, Bench, row
+from elast_cli.control import Replan, run_episodes
+from elast_cli.envs import make, scenarios, spec
+from elast_cli.methods import METHODS, context_reader, elast_planner
+from elast_cli.planners.base import Plan, Planner, Query
+
+
+@dataclass
+class Timed:
+    """A planner that keeps the CPU time of each of its plans, first and later ones apart."""
+
+    planner: Planner
+    first: list[float] = field(default_factory=list)
+    later: list[float] = field(default_factory=list)
+
+    def plan(self, query: Query) -> Plan:
+        """What the planner says; an episode's first query has no memory."""
+        began = time.process_time()
+        plan = self.planner.plan(query)
+        seconds = time.process_time() - began
+        (self.first if query.memory[0] is None else self.later).append(seconds)
+        return plan
+
+
+def figures(bench: Bench) -> list[Figure]:
+    """Episodes one by one, with the default control and the preset's budget of expansions."""
+    config = bench.job.config
+    elast_planner(bench.models, config.planner).plan(row(bench.query(1), 0))  # compiles
+    controller = METHODS["elast"].build(bench.models, config, ENV, 1)
+    assert isinstance(controller, Replan)
+    planner = Timed(controller.planner)
+    controller = replace(controller, planner=planner)
+    tasks = scenarios(ENV, LEVEL, seed=0, count=bench.sizes.episodes, domain="scenario-val")
+    reached = 0
+    for scenario in tasks:
+        (trace,) = run_episodes(
+            controller,
+            [make(ENV, config.env)],
+            [scenario],
+            max_steps=spec(ENV).env_class.level(LEVEL).max_steps,
+            seeds=np.array([scenario.index]),
+            context=context_reader({}, "cpu"),
+        )
+        reached += trace.steps is not None
+    if not planner.later:
+        note = "no episode planned twice"
+        name = "later plans over first ones"
+        return [Figure(measurement="replanning", name=name, ratio=None, note=note)]
+    first, later = float(np.mean(planner.first)), float(np.mean(planner.later))
+    return [
+        Figure(
+            measurement="replanning",
+            name="later plans over first ones",
+            ratio=later / first,
+            seconds={"a first plan": first, "a later plan": later},
+            facts={
+                "first plans": len(planner.first),
+                "later plans": len(planner.later),
+                "succeeded": f"{reached}/{len(tasks)}",
+            },
+        )
+    ]

@@ -1,0 +1,310 @@
+"""The search one expansion at a time, written plainly: what the batched engine is measured by.
+
+The same algorithm with the same settings: selection, actions, tests of a transition, crowding,
+rewiring with costs carried through subtrees, and the same random numbers. numpy keeps the tree; the
+distances to all nodes are computed at once; the networks are called as torch modules.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from elast_cli.methods import Models, limits, radii
+from elast_cli.planners.base import Limits, Query, Radii
+from elast_cli.planners.elast import TreeConfig
+from elast_cli.seeding import generator
+from elast_cli.shapes import Bool, Float32, Float64, Int64
+
+
+class Networks(Protocol):
+    """The learned world of one scenario, as functions of arrays with M rows."""
+
+    action_size: int
+
+    def step(self, z: Float32, action: Float32) -> tuple[Float32, Float32]:
+        """Next latent [M,Z] of H_f from [M,Z] under [M,A], and its variance [M]."""
+        ...
+
+    def log_density(self, z: Float32, z_next: Float32) -> Float32:
+        """ψ: ln p(z' | z) [M] in nats."""
+        ...
+
+    def act(self, z: Float32, z_next: Float32) -> Float32:
+        """π's action [M,A] from z to z'."""
+        ...
+
+    def support_distance(self, z: Float32) -> float:
+        """Distance of one latent [Z] to the nearest encoded training state."""
+        ...
+
+
+class TorchNetworks:
+    """Trained models called through their modules; the support in a k-d tree, since it is fixed."""
+
+    def __init__(self, models: Models, context: Float32) -> None:
+        """Take frozen models on the CPU, and the scenario's context [C]."""
+        self.models, self.context = models, torch.from_numpy(context)
+        self.action_size = models.policy.action_size
+        self.support = cKDTree(models.ensemble.support.latents.numpy())
+
+    def _contexts(self, rows: int) -> torch.Tensor:
+        return self.context.expand(rows, -1)
+
+    @torch.inference_mode()
+    def step(self, z: Float32, action: Float32) -> tuple[Float32, Float32]:
+        """H_f on [M,Z], [M,A]."""
+        z_next, variance = self.models.ensemble.ensemble(
+            torch.from_numpy(z), torch.from_numpy(action), self._contexts(len(z))
+        )
+        return z_next.numpy(), variance.numpy()
+
+    @torch.inference_mode()
+    def log_density(self, z: Float32, z_next: Float32) -> Float32:
+        """ψ on [M,Z], [M,Z]."""
+        found: Float32 = self.models.density(
+            torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
+        ).numpy()
+        return found
+
+    @torch.inference_mode()
+    def act(self, z: Float32, z_next: Float32) -> Float32:
+        """π on [M,Z], [M,Z]."""
+        found: Float32 = self.models.policy(
+            torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
+        ).numpy()
+        return found
+
+    def support_distance(self, z: Float32) -> float:
+        """Of one latent [Z]."""
+        return float(self.support.query(z)[0])
+
+
+@dataclass(frozen=True)
+class SerialPlan:
+    """A path: latents [T,Z], actions [T-1,A], and whether it ends within the goal radius."""
+
+    states: Float32
+    actions: Float32
+    reached: bool
+
+
+class SerialTree:
+    """One tree of at most N nodes; node i is column i of `latent` [Z,N], node 0 the root.
+
+    Settings that only variants of the method use are not known: counting reachable neighbours, and
+    h_f in place of the ensemble.
+    """
+
+    def __init__(
+        self,
+        networks: Networks,
+        config: TreeConfig,
+        limits: Limits,
+        radii: Radii,
+        *,
+        start: Float32,
+        goal: Float32,
+        seed: int,
+    ) -> None:
+        """Plant a tree at `start` [Z] that looks for `goal` [Z]."""
+        if config.crowding != "near" or not config.use_ensemble:
+            raise ValueError("the serial search knows crowding 'near' and the ensemble only")
+        self.networks, self.config, self.limits, self.radii = networks, config, limits, radii
+        self.goal = goal
+        shape = (config.expansions, 4 + networks.action_size)
+        self.draws: Float64 = generator("plan", seed).random(shape)
+        nodes = min(config.expansions + 1, config.max_nodes or np.inf)
+        self.capacity = int(nodes)
+        self.latent = np.zeros((len(start), self.capacity), np.float32)
+        self.action = np.zeros((self.capacity, networks.action_size), np.float32)
+        self.parent = np.full(self.capacity, -1)
+        self.depth = np.zeros(self.capacity, np.int64)
+        self.crowding = np.zeros(self.capacity, np.int64)
+        self.weight = np.ones(self.capacity)
+        self.children: list[set[int]] = [set()]
+        self.latent[:, 0] = start
+        self.size, self.nearest = 1, 0
+        self.nearest_distance = float(np.linalg.norm(start - goal))
+
+    def run(self) -> SerialPlan:
+        """Spend the budget of expansions, and return the best path."""
+        for draw in self.draws:
+            if self.size == self.capacity:
+                break
+            self.expand(draw)
+        return self.best_plan()
+
+    def expand(self, draw: Float64) -> None:
+        """Select a node, step from it, test where that leads, insert, rewire; draws [4+A]."""
+        parent = self._choose(draw)
+        action = self._propose(parent, draw)
+        z, variance = self.networks.step(self._latents(parent), action[None])
+        gaps = self._gaps(z[0])
+        if not self._admissible(parent, z, float(variance[0]), gaps):
+            if self.config.count_rejections:
+                self._crowd(np.array([parent]))
+            return
+        near = np.flatnonzero(gaps <= self.radii.neighbor**2)
+        new = self._insert(parent, z[0], action)
+        crowded = near[gaps[near] <= self.radii.crowding**2]
+        self._crowd(crowded)
+        self._crowd(np.array([new]), len(crowded))
+        if self.config.rewire:
+            self._connect(new, near, gaps[near])
+            self._rewire(new, near)
+
+    def _choose(self, draw: Float64) -> int:
+        """The node to expand: any, a sparse one, or the one nearest to the goal (Sec. 4.3)."""
+        config, n = self.config, self.size
+        if draw[0] < config.p_uniform:
+            return min(int(draw[1] * n), n - 1)
+        if draw[0] < config.p_uniform + config.p_sparse:
+            total = np.cumsum(self.weight[:n])
+            return min(int(np.searchsorted(total, draw[1] * total[-1], side="right")), n - 1)
+        return self.nearest
+
+    def _propose(self, parent: int, draw: Float64) -> Float32:
+        """A uniform action [A], perhaps scaled to the edge of the box, or the node's own onward."""
+        config = self.config
+        action = (2 * draw[4:] - 1).astype(np.float32)
+        if draw[2] < config.edge_actions:
+            action /= max(np.abs(action).max(), np.float32(1e-6))
+        own = self.action[parent]
+        if own.any() and draw[3] < config.momentum:
+            action = np.clip(own + np.float32(config.momentum_noise) * action, -1, 1)
+        return action
+
+    def _latents(self, nodes: int | Int64) -> Float32:
+        """Latents [M,Z] of nodes [M]."""
+        return np.ascontiguousarray(self.latent[:, np.atleast_1d(nodes)].T)
+
+    def _gaps(self, z: Float32) -> Float32:
+        """Squared distances [n] of all nodes to a latent [Z]."""
+        step = self.latent[:, : self.size] - z[:, None]
+        gaps: Float32 = np.einsum("zn,zn->n", step, step)
+        return gaps
+
+    def _admissible(self, parent: int, z: Float32, variance: float, gaps: Float32) -> bool:
+        """Whether the step to z [1,Z] passes the tests, the cheap ones first."""
+        limits = self.limits
+        if not np.isfinite(z).all() or variance > limits.max_variance:
+            return False
+        cost = self.depth[parent] + 1
+        copies = gaps < self.radii.duplicate**2
+        if copies.any() and (self.depth[: self.size][copies] <= cost).any():
+            return False
+        if limits.max_support_distance < np.inf and (
+            self.networks.support_distance(z[0]) > limits.max_support_distance
+        ):
+            return False
+        return bool(self._likely(self._latents(parent), z)[0])
+
+    def _likely(self, z: Float32, z_next: Float32) -> Bool:
+        """Whether ψ finds transitions [M,Z] -> [M,Z] likely [M]."""
+        if self.limits.min_log_density == -np.inf:
+            return np.ones(len(z), np.bool_)
+        likely: Bool = self.networks.log_density(z, z_next) >= self.limits.min_log_density
+        return likely
+
+    def _crowd(self, nodes: Int64, by: int = 1) -> None:
+        """Count `by` more at each of the nodes, which are drawn the less for it."""
+        self.crowding[nodes] += by
+        self.weight[nodes] = (1.0 + self.crowding[nodes]) ** -self.config.sparse_exponent
+
+    def _insert(self, parent: int, z: Float32, action: Float32) -> int:
+        new = self.size
+        self.size += 1
+        self.latent[:, new], self.action[new] = z, action
+        self.parent[new], self.depth[new] = parent, self.depth[parent] + 1
+        self.children[parent].add(new)
+        self.children.append(set())
+        distance = float(np.linalg.norm(z - self.goal))
+        if distance < self.nearest_distance:
+            self.nearest, self.nearest_distance = new, distance
+        return new
+
+    def _connect(self, new: int, near: Int64, gaps: Float32) -> None:
+        """Hang the new node from the cheapest neighbour with an edge that passes the tests."""
+        cheaper = self.depth[near] + 1 < self.depth[new]
+        sources, gaps = near[cheaper], gaps[cheaper]
+        order = np.lexsort((sources, gaps, self.depth[sources]))
+        sources = sources[order[: 1 + self.config.connect_candidates]]
+        if not len(sources):
+            return
+        z_next = np.repeat(self._latents(new), len(sources), axis=0)
+        action, passed = self._test_edges(self._latents(sources), z_next)
+        if passed.any():
+            first = int(passed.argmax())
+            self._hang(new, int(sources[first]), action[first])
+
+    def _rewire(self, new: int, near: Int64) -> None:
+        """Hang from the new node whatever becomes cheaper by it and passes the tests."""
+        targets = near[self.depth[near] > self.depth[new] + 1]
+        if not len(targets):
+            return
+        z = np.repeat(self._latents(new), len(targets), axis=0)
+        action, passed = self._test_edges(z, self._latents(targets))
+        for target, way in zip(targets[passed].tolist(), action[passed], strict=True):
+            if self.depth[target] > self.depth[new] + 1:
+                self._hang(target, new, way)
+
+    def _test_edges(self, z: Float32, z_next: Float32) -> tuple[Float32, Bool]:
+        """π's actions [M,A] along edges, and which pass ψ and the round trip through H_f [M]."""
+        limits = self.limits
+        passed = self._likely(z, z_next)
+        action = np.zeros((len(z), self.networks.action_size), np.float32)
+        if not passed.any():
+            return action, passed
+        some = np.flatnonzero(passed)
+        action[some] = self.networks.act(z[some], z_next[some])
+        if limits.max_round_trip < np.inf:
+            landed, variance = self.networks.step(z[some], action[some])
+            miss = np.linalg.norm(landed - z_next[some], axis=1)
+            passed[some] = (miss <= limits.max_round_trip) & (variance <= limits.max_variance)
+        return action, passed
+
+    def _hang(self, node: int, parent: int, action: Float32) -> None:
+        """Give a node another parent; the change of its cost goes to all that is below it."""
+        self.children[self.parent[node]].remove(node)
+        self.children[parent].add(node)
+        self.parent[node], self.action[node] = parent, action
+        change = self.depth[parent] + 1 - self.depth[node]
+        below = [node]
+        while below:
+            at = below.pop()
+            self.depth[at] += change
+            below.extend(self.children[at])
+
+    def best_plan(self) -> SerialPlan:
+        """The path to the cheapest node within the goal radius, else to the one nearest to it."""
+        end, n = self.nearest, self.size
+        distance = np.sqrt(self._gaps(self.goal))
+        inside = np.flatnonzero(distance <= self.radii.goal)
+        if len(inside):
+            end = int(inside[np.lexsort((distance[inside], self.depth[:n][inside]))[0]])
+        path = [end]
+        while self.parent[path[-1]] >= 0:
+            path.append(int(self.parent[path[-1]]))
+        nodes = np.array(path[::-1])
+        return SerialPlan(self._latents(nodes), self.action[nodes[1:]], bool(len(inside)))
+
+
+def plan_serially(models: Models, config: TreeConfig, query: Query) -> list[SerialPlan]:
+    """A plan for each row of a query, one row after the other, one expansion after the other."""
+    return [
+        SerialTree(
+            TorchNetworks(models, query.context[b]),
+            config,
+            limits(models, config),
+            radii(models, config),
+            start=query.start[b],
+            goal=query.goal[b],
+            seed=int(query.seed[b]),
+        ).run()
+        for b in range(len(query.start))
+    ]

@@ -1,0 +1,181 @@
+"""Each stage's training loop against bare forward, backward and step on the same shapes."""
+
+from __future__ import annotations
+
+import copy
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from benchmarks.document import Figure
+from benchmarks.trained import Bench, timed
+from elast_cli.models.cpc import cpc_loss
+from elast_cli.models.density import nce_loss
+from elast_cli.progress import Advance, Silent
+from elast_cli.shapes import FRAMES
+from elast_cli.training import (
+    LatentData,
+    Setting,
+    encode,
+    train_density,
+    train_encoder,
+    train_ensemble,
+    train_policy,
+)
+
+Bare = tuple[nn.Module, Callable[[], Tensor]]
+WARM_UP = 20  # steps that do not count
+
+
+class Clock:
+    """Progress that notes the CPU time of every step of the training loop."""
+
+    def __init__(self) -> None:
+        self.stamps: list[float] = []
+
+    def task(self, label: str, total: int) -> AbstractContextManager[Advance]:
+        """Begin to count."""
+        return self._task()
+
+    @contextmanager
+    def _task(self) -> Iterator[Advance]:
+        yield lambda _: self.stamps.append(time.process_time())
+
+    def note(self, text: str) -> None:
+        """Nothing is said."""
+
+    def step_seconds(self) -> float:
+        """Of a step on average, with the logging, validation and checkpoints between them."""
+        return (self.stamps[-1] - self.stamps[WARM_UP]) / (len(self.stamps) - 1 - WARM_UP)
+
+
+def figures(bench: Bench) -> list[Figure]:
+    """One figure a stage."""
+    torch.set_num_threads(1)
+    stages = {
+        "encoder": (_train_encoder, _bare_encoder),
+        "ensemble": (_train_ensemble, _bare_ensemble),
+        "density": (_train_density, _bare_density),
+        "policy": (_train_policy, _bare_policy),
+    }
+    found = []
+    for name, (train, bare) in stages.items():
+        clock = Clock()
+        with tempfile.TemporaryDirectory() as work:
+            setting = Setting(seed=0, work=Path(work), device=torch.device("cpu"), progress=clock)
+            train(bench, setting)
+        module, loss = bare(bench)
+        alone = bare_seconds(module, loss, bench.sizes.steps)
+        own = clock.step_seconds()
+        found.append(
+            Figure(
+                measurement="training",
+                name=f"{name}: batches/s over bare steps/s",
+                ratio=alone / own,
+                seconds={"a step": own, "a bare step": alone},
+                facts={"batches/s": 1 / own, "steps": bench.sizes.steps},
+            )
+        )
+    return found
+
+
+def bare_seconds(module: nn.Module, loss: Callable[[], Tensor], steps: int) -> float:
+    """CPU seconds of one forward, backward and Adam step, over and over on the same batch."""
+    optimizer = torch.optim.Adam(module.parameters())
+
+    def run(count: int) -> None:
+        for _ in range(count):
+            optimizer.zero_grad(set_to_none=True)
+            loss().backward()
+            optimizer.step()
+
+    run(WARM_UP)
+    return timed(lambda: run(steps))[0] / steps
+
+
+# --- the stages, shortened -----------------------------------------------------------------------
+
+
+def _shortened(bench: Bench, name: str) -> Any:
+    """A stage's configuration with the number of steps that is measured."""
+    stage = getattr(bench.job.config, name)
+    steps = WARM_UP + bench.sizes.steps
+    return stage.model_copy(update={"fit": stage.fit.model_copy(update={"steps": steps})})
+
+
+def _latents(bench: Bench) -> LatentData:
+    setting = Setting(seed=0, work=Path(), device=torch.device("cpu"), progress=Silent())
+    return encode(bench.dataset, _no_context(bench), bench.models.encoder, setting)
+
+
+def _no_context(bench: Bench) -> Tensor:
+    return torch.zeros(bench.dataset.episodes, 0)
+
+
+def _train_encoder(bench: Bench, setting: Setting) -> None:
+    train_encoder(bench.dataset, _no_context(bench), _shortened(bench, "encoder"), setting)
+
+
+def _train_ensemble(bench: Bench, setting: Setting) -> None:
+    train_ensemble(_latents(bench), _shortened(bench, "ensemble"), setting)
+
+
+def _train_density(bench: Bench, setting: Setting) -> None:
+    train_density(_latents(bench), _shortened(bench, "density"), setting)
+
+
+def _train_policy(bench: Bench, setting: Setting) -> None:
+    ensemble = bench.models.ensemble.ensemble
+    train_policy(_latents(bench), ensemble, _shortened(bench, "policy"), setting)
+
+
+# --- the same arithmetic and nothing else --------------------------------------------------------
+
+
+def _bare_encoder(bench: Bench) -> Bare:
+    stage, dataset = bench.job.config.encoder, bench.dataset
+    model = copy.deepcopy(bench.models.encoder).train().requires_grad_()
+    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels[:2048]))
+    m, steps = stage.fit.batch_size, stage.cpc.horizon + 1
+    picks = torch.randint(len(features), (m, steps, FRAMES))
+    stacks = features[picks]
+    actions = torch.rand(m, steps - 1, dataset.action.shape[1])
+    return model, lambda: cpc_loss(model, stacks, actions, torch.zeros(m, 0), stage.cpc)[0]
+
+
+def _bare_ensemble(bench: Bench) -> Bare:
+    stage = bench.job.config.ensemble
+    model = copy.deepcopy(bench.models.ensemble.ensemble).train().requires_grad_()
+    z, action, z_next = _random(bench, stage.net.members, stage.fit.batch_size)
+    none = torch.zeros(*z.shape[:-1], 0)
+    return model, lambda: (model.members(z, action, none) - z_next).square().mean()
+
+
+def _bare_density(bench: Bench) -> Bare:
+    stage = bench.job.config.density
+    model = copy.deepcopy(bench.models.density).train().requires_grad_()
+    data, ratio = stage.fit.batch_size, stage.net.noise_ratio
+    z, _, z_next = _random(bench, (1 + ratio) * data)
+    none, zero = torch.zeros(len(z), 0), torch.zeros(len(z))
+    is_data = torch.arange(len(z)) < data
+    return model, lambda: nce_loss(model.log_ratio(z, z_next, none), zero, is_data, ratio)
+
+
+def _bare_policy(bench: Bench) -> Bare:
+    model = copy.deepcopy(bench.models.policy).train().requires_grad_()
+    z, action, z_next = _random(bench, bench.job.config.policy.fit.batch_size)
+    none = torch.zeros(len(z), 0)
+    return model, lambda: (model(z, z_next, none) - action).square().mean()
+
+
+def _random(bench: Bench, *shape: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Latents [...,Z], actions [...,A] and next latents [...,Z] of a shape."""
+    z_size = bench.models.density.latent_size
+    action = torch.rand(*shape, bench.models.policy.action_size)
+    return torch.randn(*shape, z_size), action, torch.randn(*shape, z_size)
