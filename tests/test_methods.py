@@ -14,6 +14,7 @@ from elast_cli.errors import UsageError
 from elast_cli.methods import (
     METHODS,
     Models,
+    context_reader,
     controller,
     elast_planner,
     limits,
@@ -21,6 +22,7 @@ from elast_cli.methods import (
     method_named,
     radii,
 )
+from elast_cli.models.context import ContextAutoencoder, ContextConfig, context_vectors
 from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
 from elast_cli.models.dynamics import EnsembleConfig
@@ -251,6 +253,17 @@ def test_parts_that_are_not_given_stay_none(folders: dict[str, Path]) -> None:
     assert isinstance(models, Models)
     assert models.encoder is not None
     assert models.policy is None
+
+
+def test_contexts_are_read_once_from_what_a_reset_told(tmp_path: Path) -> None:
+    model = ContextAutoencoder(ContextConfig(latent_size=3, channels=4, pool=4))
+    save_model(tmp_path, model, sizes=None)
+    rng = np.random.default_rng(0)
+    infos = [{"context": rng.integers(256, size=(64, 64, 3), dtype=np.uint8)} for _ in range(2)]
+    found = context_reader({"context": tmp_path}, "cpu")(infos)
+    images = np.stack([info["context"] for info in infos])
+    np.testing.assert_array_equal(found, context_vectors(model.eval(), images))
+    assert context_reader({}, "cpu")([{}, {}]).shape == (2, 0)
 
 
 def test_an_unknown_method_is_named_with_the_closest_and_all_choices() -> None:

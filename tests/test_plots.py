@@ -17,6 +17,7 @@ from elast_cli.plots import (
     colour_of,
     film_strip,
     grid_shape,
+    reconstruction_strip,
 )
 from elast_cli.report import OverallRow
 from elast_cli.statistics import wilson
@@ -137,3 +138,14 @@ def test_the_animation_is_small(tmp_path: Path) -> None:
     frames = np.repeat(moving_square(), 8, axis=0)
     animation(frames, frames[-1], tmp_path / "episode.gif")
     assert (tmp_path / "episode.gif").stat().st_size < 200_000
+
+
+def test_reconstructions_stand_below_their_images(tmp_path: Path) -> None:
+    images = np.full((3, 64, 64, 3), (220, 60, 40), dtype=np.uint8)
+    small = np.full((3, 32, 32, 3), (40, 60, 220), dtype=np.uint8)
+    reconstruction_strip(images, small, tmp_path / "strip.png", labels=[4, 7, 9])
+    image = pixels(tmp_path / "strip.png")
+    middle = len(image) // 2
+    assert shows(image[:middle], "#dc3c28")
+    assert shows(image[middle:], "#283cdc")
+    assert not shows(image[middle:], "#dc3c28")

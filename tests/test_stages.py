@@ -8,14 +8,14 @@ import pytest
 
 from elast_cli import preset
 from elast_cli.dataset import column_digests
-from elast_cli.envs import base
+from elast_cli.envs import ENVS, base, make
 from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
 from elast_cli.manifest import JsonDict
 from elast_cli.progress import Silent
 from elast_cli.publish import Run
-from elast_cli.stages import collect
+from elast_cli.stages import collect, train
 from elast_cli.stages.job import Job, Step, resolve_device
-from elast_cli.stages.resolve import resolve
+from elast_cli.stages.resolve import ROLES, has_context, needs, resolve
 from elast_cli.store import Ref, Store
 
 ENV = "block-s"
@@ -146,6 +146,90 @@ def test_a_damaged_artifact_is_never_chosen_by_itself(job: Job, home: Path) -> N
     assert resolve(job, ("dataset",)) == {"dataset": older["dataset"]}
     with pytest.raises(DataError):
         resolve(replace(job, given={"dataset": newer["dataset"]}), ("dataset",))
+
+
+# --- contexts ------------------------------------------------------------------------------------
+
+PARAM = "block-param"
+
+
+@pytest.fixture
+def param_job(job: Job) -> Job:
+    """A job in an environment whose obstacles change with the episode."""
+    return replace(job, env=PARAM, config=preset.load("quick", PARAM))
+
+
+def param_lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
+    """A whole chain of stand-ins with contexts."""
+    made: dict[str, Ref] = {}
+    for role in ROLES:
+        inputs = {need: made[need] for need in needs(job.env, role)}
+        made[role] = publish(job, role, inputs, mark=mark if role == "dataset" else 0)
+    return made
+
+
+@pytest.mark.parametrize("env", ENVS)
+def test_an_environment_is_known_to_have_contexts_if_it_shows_them(env: str) -> None:
+    assert has_context(env) == (make(env).context is not None)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_every_learned_part_is_made_from_the_context_where_there_is_one(role: str) -> None:
+    assert ("context" in needs(PARAM, role)) == (role not in ("dataset", "context"))
+    assert "context" not in needs(ENV, role)
+
+
+def test_the_context_is_found_with_its_lineage_and_dropped_where_there_is_none(
+    job: Job, param_job: Job
+) -> None:
+    param_lineage(param_job)
+    newer = param_lineage(param_job, mark=1)
+    roles = ("context", *MODELS)
+    assert resolve(param_job, roles) == {role: newer[role] for role in roles}
+    lineage(job)
+    assert set(resolve(job, roles)) == set(MODELS)
+
+
+def test_a_missing_context_is_named_with_its_command(param_job: Job) -> None:
+    with pytest.raises(MissingInputError, match="run: elast collect --env block-param"):
+        train.step(param_job, "context")
+    dataset = publish(param_job, "dataset", {})
+    command = "run: elast train-context --env block-param --preset quick"
+    with pytest.raises(MissingInputError, match=f"no context for block-param.*{command}$"):
+        train.step(param_job, "encoder")
+    given = replace(param_job, given={"dataset": dataset})
+    with pytest.raises(MissingInputError, match=f"{command} --dataset {dataset}$"):
+        train.step(given, "encoder")
+
+
+def test_a_context_of_another_lineage_is_refused(param_job: Job) -> None:
+    older, newer = param_lineage(param_job), param_lineage(param_job, mark=1)
+    for role in ("dataset", "encoder", "policy"):
+        given = {"context": older["context"], role: newer[role]}
+        with pytest.raises(DataError, match=r"digest \w{12} against \w{12}"):
+            resolve(replace(param_job, given=given), MODELS)
+
+
+def test_an_environment_without_contexts_refuses_them(job: Job) -> None:
+    words = "block-s has no contexts.*run: elast train-encoder --env block-s"
+    with pytest.raises(UsageError, match=words):
+        train.step(job, "context")
+    given = replace(job, given={"context": Ref(ENV, "context", 1)})
+    with pytest.raises(UsageError, match=words):
+        train.step(given, "encoder")
+
+
+def test_a_dataset_without_the_contexts_of_its_environment_is_refused(
+    param_job: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = "collect.n=60", "collect.episode_steps=10"
+    ready = replace(param_job, config=preset.load("quick", PARAM, words))
+    with monkeypatch.context() as patch:
+        patch.setattr(ENVS[PARAM].env_class, "context", None)
+        collect.step(ready).carry_out()
+    step = train.step(ready, "context")
+    with pytest.raises(DataError, match=r"block-param/dataset/v1: .* elast collect .* --force"):
+        step.carry_out()
 
 
 # --- collect -------------------------------------------------------------------------------------

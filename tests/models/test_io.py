@@ -61,6 +61,13 @@ def test_only_artifacts_can_be_saved(tmp_path: Path) -> None:
         save_model(tmp_path, nn.Linear(1, 1), sizes=SIZES)
 
 
+def test_only_a_context_is_saved_without_sizes(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="LocalPolicy"):
+        save_model(tmp_path, models()["policy"], sizes=None)
+    save_model(tmp_path, models()["context"], sizes=None)
+    load_model(tmp_path, "context")
+
+
 class Bomb:
     """Leaves a file behind when it is unpickled."""
 
@@ -206,6 +213,9 @@ def test_a_hostile_sizes_file_is_refused(saved: Path, case: str) -> None:
         ("policy", "width: 16", "width: 4611686018427387904"),
         ("encoder", "width: 16", "width: 4611686018427387904"),
         ("encoder", "pool: 8", "pool: 3"),
+        ("context", "channels: 4", "channels: 1000000"),
+        ("context", "latent_size: 3", "latent_size: 0"),
+        ("context", "pool: 4", "pool: 8"),
     ],
 )
 def test_sizes_out_of_bounds_are_refused_before_anything_is_built(

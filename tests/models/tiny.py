@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from elast_cli.models.context import ContextAutoencoder, ContextConfig
 from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
 from elast_cli.models.dynamics import EnsembleConfig, LatentScale
@@ -15,7 +16,7 @@ from elast_cli.models.support import SupportedDynamics
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
-KINDS = ("encoder", "ensemble", "density", "policy")
+KINDS = ("context", "encoder", "ensemble", "density", "policy")
 
 
 def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
@@ -43,6 +44,10 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
         "density": density,
         "policy": policy,
     }
+    if context:
+        found["context"] = ContextAutoencoder(
+            ContextConfig(latent_size=context, channels=4, pool=4)
+        )
     for module in [part for model in found.values() for part in model.modules()]:
         if isinstance(module, LatentScale):
             module.fit(z, z + 0.3 * torch.randn_like(z))
