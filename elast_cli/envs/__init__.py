@@ -30,6 +30,7 @@ from elast_cli.envs.block import (
     BlockParamConfig,
 )
 from elast_cli.envs.cable import Cable, CableConfig
+from elast_cli.envs.planar_arm import PlanarArm, PlanarArmConfig
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
@@ -114,6 +115,14 @@ ENVS: dict[str, EnvSpec] = {
             env_class=BlockParam,
             config_class=BlockParamConfig,
             about="a block between walls whose places and gaps change with the episode",
+            unit="workspace widths",
+        ),
+        EnvSpec(
+            name="planar-arm",
+            gym_id="elast/PlanarArm-v0",
+            env_class=PlanarArm,
+            config_class=PlanarArmConfig,
+            about="an arm of two links among obstacles that change with the episode",
             unit="workspace widths",
         ),
         EnvSpec(

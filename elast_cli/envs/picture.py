@@ -47,6 +47,40 @@ def _coverage(low: float, high: float) -> tuple[slice, Floats]:
 
 
 @njit(cache=True)
+def _nearest(px: float, py: float, ux: float, uy: float, square: float) -> tuple[float, float]:
+    """Share of the way from the origin to (ux, uy) that is nearest a place, and its distance."""
+    part = min(max((px * ux + py * uy) / square, 0.0), 1.0)
+    return part, np.hypot(px - part * ux, py - part * uy)
+
+
+@njit(cache=True)
+def capsules(image: Floats, ends: Floats, radii: Floats, colours: Floats) -> Floats:
+    """`image` f64 [64, 64, 3] with round lines over it, the later above: f64 [64, 64, 3].
+
+    Line k leads from `ends[k, :2]` to `ends[k, 2:]` (a disc where they are equal) and has its own
+    radius and colour [3]. Its edge is as soft as that of a `chain`.
+    """
+    size = image.shape[0]
+    painted = image.copy()
+    for k in range(ends.shape[0]):
+        ax, ay = ends[k, 0] * size, (1 - ends[k, 1]) * size
+        ux, uy = ends[k, 2] * size - ax, (1 - ends[k, 3]) * size - ay
+        square = max(ux * ux + uy * uy, 1e-12)
+        reach = radii[k] * size + 1.0
+        for row in range(
+            max(int(min(ay, ay + uy) - reach), 0), min(int(max(ay, ay + uy) + reach) + 1, size)
+        ):
+            for column in range(
+                max(int(min(ax, ax + ux) - reach), 0), min(int(max(ax, ax + ux) + reach) + 1, size)
+            ):
+                gap = _nearest(column + 0.5 - ax, row + 0.5 - ay, ux, uy, square)[1]
+                cover = min(max(radii[k] * size + 0.5 - gap, 0.0), 1.0)
+                for c in range(3):
+                    painted[row, column, c] += cover * (colours[k, c] - painted[row, column, c])
+    return painted
+
+
+@njit(cache=True)
 def chain(
     image: Floats, nodes: Floats, radius: float, head_radius: float, colours: Floats
 ) -> NDArray[np.uint8]:
@@ -70,9 +104,7 @@ def chain(
             for column in range(
                 max(int(min(ax, ax + ux) - reach), 0), min(int(max(ax, ax + ux) + reach) + 1, size)
             ):
-                px, py = column + 0.5 - ax, row + 0.5 - ay
-                part = min(max((px * ux + py * uy) / square, 0.0), 1.0)
-                gap = np.hypot(px - part * ux, py - part * uy)
+                part, gap = _nearest(column + 0.5 - ax, row + 0.5 - ay, ux, uy, square)
                 cover = min(max(radius * size + 0.5 - gap, 0.0), 1.0)
                 if cover > share[row, column]:
                     share[row, column] = cover

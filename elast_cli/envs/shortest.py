@@ -1,10 +1,13 @@
-"""Least number of steps between places of a rectangle world, under the true action bound.
+"""Least number of steps between places of a world, under the true action bound.
 
 The centre of a block moves over a lattice that is aligned with every wall. One step is any
 displacement within an L-infinity ball, made at constant velocity; where a wall blocks one axis, the
 other goes on (sliding), round the wall's corner too. A stream adds its drift to every step that
 begins in it. Walls, step lengths and drifts are whole numbers of cells, so endpoints need rounding
 to the lattice only where a corner is rounded.
+
+Where obstacles are no rectangles, as in the joint space of an arm, a grid of free cells stands for
+them, and every place is rounded to it.
 """
 
 from __future__ import annotations
@@ -23,12 +26,47 @@ Floats = NDArray[np.float64]
 UNREACHABLE = -1
 
 
-class Lattice:
-    """All one-step moves of a point in [low, high]^2 minus open rectangles; made once per layout.
+class Moves:
+    """All one-step moves between the cells of a square grid.
 
     `into[y, x, dy, dx]` (u8) says whether one step leads from cell (x - dx, y - dy) to cell (x, y);
     dx and dy count from `least`. A field, i16 [ny, nx], holds every cell's steps to a goal region.
     """
+
+    def __init__(
+        self, into: NDArray[np.uint8], least: NDArray[np.int64], *, low: float, cell: float
+    ) -> None:
+        """Remember the moves; cell 0 is the place `low` on both axes."""
+        self.into, self.least = into, least
+        self.low, self.cell, self.size = low, cell, into.shape[0]
+
+    def steps(self, field: NDArray[np.int16], place: NDArray[np.floating]) -> int:
+        """Steps from a place [2]: the least of the cells round it, -1 if none reaches the goal."""
+        spot = (np.asarray(place, dtype=np.float64) - self.low) / self.cell
+        first = np.clip(np.floor(spot + 1e-4).astype(int), 0, self.size - 1)
+        last = np.clip(np.ceil(spot - 1e-4).astype(int), 0, self.size - 1)
+        near = field[first[1] : last[1] + 1, first[0] : last[0] + 1]
+        reached = near[near != UNREACHABLE]
+        return int(reached.min()) if reached.size else UNREACHABLE
+
+
+class Grid(Moves):
+    """Moves over a grid of which some cells are free, each at constant velocity and sliding."""
+
+    def __init__(self, free: NDArray[np.uint8], *, low: float, cell: float, reach: int) -> None:
+        """Compute every move by up to `reach` cells an axis among the cells `free` u8 [n, n]."""
+        self.free = free
+        least = np.array([-reach, -reach], dtype=np.int64)
+        super().__init__(_moves_between(free, reach), least, low=low, cell=cell)
+
+    def field(self, goal: NDArray[np.uint8]) -> NDArray[np.int16]:
+        """Steps from every cell to the free ones of a region u8 [n, n]: i16 [n, n], or -1."""
+        steps: NDArray[np.int16] = _flood(self.into, goal & self.free, self.least)
+        return steps
+
+
+class Lattice(Moves):
+    """Moves of a point in [low, high]^2 minus open rectangles; made once per layout."""
 
     def __init__(
         self,
@@ -48,17 +86,15 @@ class Lattice:
         Raises:
             ConfigError: if a length is not a multiple of the cell.
         """
-        self.low, self.cell = low, cell
-        self.size = _cells(high - low, cell) + 1
+        size = _cells(high - low, cell) + 1
         self.reach = _cells(step, cell)
         self.walls = _in_cells(walls, low, cell)
         self.stream = _in_cells([stream] if stream else [], low, cell)
         self.drift = np.array([_cells(part, cell) for part in drift], dtype=np.int64)
-        self.least: NDArray[np.int64] = np.minimum(self.drift, 0) - self.reach
+        least: NDArray[np.int64] = np.minimum(self.drift, 0) - self.reach
         most = np.maximum(self.drift, 0) + self.reach
-        self.into: NDArray[np.uint8] = _moves(
-            self.walls, self.size, self.reach, self.stream, self.drift, self.least, most
-        )
+        into = _moves(self.walls, size, self.reach, self.stream, self.drift, least, most)
+        super().__init__(into, least, low=low, cell=cell)
 
     def field(self, goal: NDArray[np.floating], radius: float) -> NDArray[np.int16]:
         """Steps from every cell to the disc of `radius` round a goal [2]: i16 [ny, nx], or -1."""
@@ -69,15 +105,6 @@ class Lattice:
             self.into, inside & _free_cells(self.walls, self.size), self.least
         )
         return steps
-
-    def steps(self, field: NDArray[np.int16], place: NDArray[np.floating]) -> int:
-        """Steps from a place [2]: the least of the cells round it, -1 if none reaches the goal."""
-        spot = (np.asarray(place, dtype=np.float64) - self.low) / self.cell
-        first = np.clip(np.floor(spot + 1e-4).astype(int), 0, self.size - 1)
-        last = np.clip(np.ceil(spot - 1e-4).astype(int), 0, self.size - 1)
-        near = field[first[1] : last[1] + 1, first[0] : last[0] + 1]
-        reached = near[near != UNREACHABLE]
-        return int(reached.min()) if reached.size else UNREACHABLE
 
     def after(self, place: NDArray[np.floating], actions: NDArray[np.floating]) -> Floats:
         """Where each action f [M, 2] in [-1, 1] leads from one place [2], sliding: f64 [M, 2]."""
@@ -212,6 +239,37 @@ def _moves(
                         end = _slide(float(x), float(y), float(dx), float(dy), walls, size - 1.0)
                         tx, ty = int(np.floor(end[0] + 0.5)), int(np.floor(end[1] + 0.5))
                     into[ty, tx, ty - y - least[1], tx - x - least[0]] = 1
+    return into
+
+
+@njit(cache=True)
+def _moves_between(free: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
+    """Moves of a `Grid`: where a displacement leads that is made in parts of half a cell.
+
+    A part that would end in a cell that is not free is made on the first axis alone, then on the
+    second, or not at all.
+    """
+    size = free.shape[0]
+    into = np.zeros((size, size, 2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    for y in range(size):
+        for x in range(size):
+            if not free[y, x]:
+                continue
+            for dy in range(-reach, reach + 1):
+                for dx in range(-reach, reach + 1):
+                    parts = 2 * max(abs(dx), abs(dy), 1)
+                    px, py = float(x), float(y)
+                    for _ in range(parts):
+                        nx = min(max(px + dx / parts, 0.0), size - 1.0)
+                        ny = min(max(py + dy / parts, 0.0), size - 1.0)
+                        if free[int(ny + 0.5), int(nx + 0.5)]:
+                            px, py = nx, ny
+                        elif free[int(py + 0.5), int(nx + 0.5)]:
+                            px = nx
+                        elif free[int(ny + 0.5), int(px + 0.5)]:
+                            py = ny
+                    tx, ty = int(px + 0.5), int(py + 0.5)
+                    into[ty, tx, ty - y + reach, tx - x + reach] = 1
     return into
 
 
