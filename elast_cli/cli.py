@@ -32,6 +32,7 @@ from elast_cli.options import (
     Lineage,
     ModelInputs,
     Running,
+    Searching,
     SomeEnv,
     takes,
 )
@@ -132,10 +133,11 @@ def train_policy(
 
 
 @app.command()
-@takes(ModelInputs, Lineage, Running)
+@takes(ModelInputs, Searching, Lineage, Running)
 def plan(
     env: Env,
     inputs: ModelInputs,
+    searching: Searching,
     lineage: Lineage,
     running: Running,
     method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
@@ -145,7 +147,7 @@ def plan(
 ) -> None:
     """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
     extra = [] if scenario_seed is None else [f"eval.scenario_seed={scenario_seed}"]
-    job = _job(env, lineage, running, extra, inputs)
+    job = _job(env, lineage, running, [*extra, *searching.overrides()], inputs)
     from elast_cli.envs import spec
     from elast_cli.stages import plan as stage
 
@@ -154,10 +156,11 @@ def plan(
 
 
 @app.command("eval")
-@takes(Evaluating, ModelInputs, Lineage, Running)
+@takes(Evaluating, ModelInputs, Searching, Lineage, Running)
 def evaluate(
     evaluating: Evaluating,
     inputs: ModelInputs,
+    searching: Searching,
     lineage: Lineage,
     running: Running,
     env: SomeEnv = None,
@@ -167,20 +170,24 @@ def evaluate(
     from elast_cli.stages import benchmark
 
     bench = _bench(evaluating, lineage)
+    extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
-        _job(name, lineage, running, evaluating.overrides(), inputs)
-        for name in ([env] if env else ENVS)
+        _job(name, lineage, running, extra, inputs)
+        for name in bench.having_levels([env] if env else ENVS)
     ]
     jobs = benchmark.complete(jobs, bench)
     _report(jobs, bench, running, make=False)
 
 
 @app.command("run")
-@takes(Evaluating, Lineage, Running)
-def run_chain(env: Env, evaluating: Evaluating, lineage: Lineage, running: Running) -> None:
+@takes(Evaluating, Searching, Lineage, Running)
+def run_chain(
+    env: Env, evaluating: Evaluating, searching: Searching, lineage: Lineage, running: Running
+) -> None:
     """Do everything: data, training, evaluation; what is there already is not done again."""
     bench = _bench(evaluating, lineage)
-    job = _job(env, lineage, running, evaluating.overrides())
+    bench.having_levels([env])
+    job = _job(env, lineage, running, [*evaluating.overrides(), *searching.overrides()])
     _report([job], bench, running, make=True)
 
 
@@ -278,6 +285,7 @@ def _job(
     refs = {role: Ref.parse(text) for role, text in given.items() if text is not None}
     from elast_cli import console, preset
     from elast_cli.stages.job import Job, resolve_device
+    from elast_cli.stages.workers import usable_cores
 
     return Job(
         store=Store.default(),
@@ -287,7 +295,7 @@ def _job(
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
-        workers=running.workers or len(os.sched_getaffinity(0)),
+        workers=running.workers or usable_cores(),
         progress=console.reporter(quiet=running.quiet),
         given=refs,
         wait=not running.no_wait,
@@ -324,7 +332,7 @@ def _report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bo
 
     bench.expect([job.env for job in jobs])
     if running.dry_run:
-        rows = [row for job in jobs for row in benchmark.planned(job, bench)]
+        rows = [row for job in jobs for row in benchmark.planned(job, bench, make=make)]
         _print_json(rows) if running.json else _print(benchmark.planned_text(rows))
         return
     reports = [benchmark.evaluate_all(job, bench, make=make) for job in jobs]

@@ -5,7 +5,6 @@ A shard is a dataset of one episode; both have the layout of `dataset_file`.
 
 from __future__ import annotations
 
-import os
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from elast_cli import dataset_file, seeding
 from elast_cli.dataset_file import column_digests
 from elast_cli.errors import DataError
+from elast_cli.publish import sync_folder
 
 __all__ = [
     "Dataset",
@@ -147,11 +147,7 @@ def write_shard(path: Path, episode: Episode) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    sync_folder(path.parent)
 
 
 def read_shard(path: Path) -> Episode:

@@ -57,12 +57,6 @@ class BusyError(ElastError):
     exit_code = 75
 
 
-class TrustError(ElastError):
-    """A file asks for outside code that the user has not trusted."""
-
-    exit_code = 77
-
-
 class ConfigError(ElastError):
     """A bad key or value in a configuration file or in `--set`."""
 

@@ -7,7 +7,8 @@ checkpoint ends with the same weights as one that was never interrupted.
 from __future__ import annotations
 
 import csv
-import os
+import io
+import pickle
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
+from elast_cli.errors import DataError
 from elast_cli.progress import Progress
+from elast_cli.publish import whole_file
 from elast_cli.seeding import generator
 
 Loss = Callable[[np.random.Generator], tuple[Tensor, Mapping[str, Tensor]]]
@@ -26,6 +29,16 @@ Validate = Callable[[], Mapping[str, float]]
 
 CHECKPOINT = "checkpoint.pt"
 METRICS = "metrics.csv"
+# what reading a damaged checkpoint may raise
+_DAMAGE = (
+    AttributeError,
+    EOFError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    pickle.UnpicklingError,
+)
 
 
 class FitConfig(StrictModel):
@@ -63,23 +76,30 @@ class _Run:
             "step": self.step,
             "rows": self.rows,
         }
-        temporary = self.work / f"{CHECKPOINT}.{os.getpid()}"
-        with temporary.open("wb") as file:
+        with whole_file(self.work / CHECKPOINT) as file:
             torch.save(state, file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self.work / CHECKPOINT)
 
     def restore(self) -> bool:
-        """Continue from the last checkpoint of this run; False where there is none."""
+        """Continue from the last checkpoint of this run; False where there is none.
+
+        Raises:
+            DataError: the checkpoint is damaged.
+        """
         path = self.work / CHECKPOINT
         if not path.exists():
             return False
-        state: dict[str, Any] = torch.load(path, weights_only=True)
-        self.module.load_state_dict(state["model"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.schedule.load_state_dict(state["schedule"])
-        self.step, self.rows = state["step"], state["rows"]
+        content = io.BytesIO(path.read_bytes())  # so that no damage looks like a disk error
+        try:
+            state: dict[str, Any] = torch.load(content, weights_only=True)
+            self.module.load_state_dict(state["model"])
+            self.optimizer.load_state_dict(state["optimizer"])
+            self.schedule.load_state_dict(state["schedule"])
+            self.step, self.rows = state["step"], state["rows"]
+        except _DAMAGE as reason:
+            raise DataError(
+                f"{path}: a damaged checkpoint ({type(reason).__name__}); "
+                "the same command with --fresh begins this training anew"
+            ) from None
         return True
 
     def advance(self, loss: Tensor) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elast_cli.config import suggestion
 from elast_cli.errors import UsageError
 from elast_cli.manifest import JsonDict
 from elast_cli.shapes import Float32
@@ -69,6 +69,10 @@ class Method:
         }
         sections = {name: type(getattr(preset, name))(**values) for name, values in data.items()}
         return preset.model_copy(update=sections)
+
+    def repeatable(self, preset: Preset) -> bool:
+        """Whether the same seed always gives the same plans; a time budget makes it not so."""
+        return "planner" not in self.uses or self.configure(preset).planner.time_budget is None
 
     def sections(self, preset: Preset) -> JsonDict:
         """The configuration that this method's results depend on."""
@@ -239,8 +243,7 @@ def method_named(name: str) -> Method:
         UsageError: naming the choices and the closest of them.
     """
     if name not in METHODS:
-        close = difflib.get_close_matches(name, METHODS, n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
+        hint = suggestion(name, METHODS)
         raise UsageError(f"unknown method {name!r}{hint}; choose {', '.join(METHODS)}")
     return METHODS[name]
 

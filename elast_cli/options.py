@@ -154,6 +154,27 @@ class Evaluating:
         return [f"eval.{key}={value}" for key, value in keys.items() if value is not None]
 
 
+@dataclass(frozen=True)
+class Searching:
+    """Bounds of a tree search."""
+
+    max_nodes: Annotated[
+        int | None, Option(min=1, help="Most nodes a search tree may have; bounds memory.")
+    ] = None
+    time_budget: Annotated[
+        float | None,
+        Option(
+            metavar="SECONDS",
+            help="Most time a tree search may take; what it finds is then not repeatable.",
+        ),
+    ] = None
+
+    def overrides(self) -> list[str]:
+        """These flags as `--set` texts."""
+        keys = {"max_nodes": self.max_nodes, "time_budget": self.time_budget}
+        return [f"planner.{key}={value}" for key, value in keys.items() if value is not None]
+
+
 def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator: the command's parameters of these types become the flags of their fields."""
 

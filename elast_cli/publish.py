@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from filelock import FileLock, Timeout
 
@@ -27,6 +29,7 @@ from elast_cli.manifest import (
 )
 
 _HIGHEST = ".highest"  # holds the highest version number ever used in its folder
+_NUMBER = re.compile("[0-9]{1,9}")  # as in a ref
 _DISK_ERRORS = frozenset(
     {errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC, errno.EPERM, errno.EROFS}
 )
@@ -90,14 +93,14 @@ class Run:
             while not self._moved(folder, manifest):
                 manifest = manifest.model_copy(update={"version": manifest.version + 1})
         for above in (folder, folder.parent, self.root):
-            _sync(above)
+            sync_folder(above)
         self.published = manifest.ref
         return manifest.ref
 
     def _moved(self, folder: Path, manifest: Manifest) -> bool:
         """Whether the staged files now are `v<N>`; not if something else got that name first."""
         write_manifest(self.staging, manifest)
-        _sync(self.staging)
+        sync_folder(self.staging)
         _record_version(folder, manifest.version)
         try:
             self.staging.rename(folder / f"v{manifest.version}")
@@ -165,22 +168,33 @@ def held_lock(
 def _next_version(folder: Path) -> int:
     """One more than the highest version ever used here, even if it was removed since."""
     mark = folder / _HIGHEST
-    used = [int(mark.read_text()) if mark.exists() else 0]
-    used += [int(path.name[1:]) for path in folder.glob("v*") if path.name[1:].isdecimal()]
-    return max(used) + 1
+    noted = mark.read_bytes()[:20].decode("ascii", "replace").strip() if mark.exists() else ""
+    used = [noted, *(path.name[1:] for path in folder.glob("v*"))]  # a damaged note counts nothing
+    return max((int(text) for text in used if _NUMBER.fullmatch(text)), default=0) + 1
 
 
 def _record_version(folder: Path, version: int) -> None:
     """Remember on disk that a version number is used."""
-    temporary = folder / f"{_HIGHEST}.new"
-    with open(temporary, "w") as file:
-        file.write(f"{version}\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(folder / _HIGHEST)
+    with whole_file(folder / _HIGHEST) as file:
+        file.write(f"{version}\n".encode())
 
 
-def _sync(folder: Path) -> None:
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to fill that then stands at `path`, whole and on disk, or is not there at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
     """Put a folder's entries on disk."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from elast_cli.config import StrictModel
+from elast_cli.config import StrictModel, suggestion
 from elast_cli.errors import UsageError
 from elast_cli.report import Cell, OverallRow, Percent, cell_of, pooled
 
@@ -90,8 +89,7 @@ def expect(requirements: Iterable[Requirement], cells: Iterable[Cell]) -> None:
             continue
         names = [f"{cell.method}@{cell.env}/{cell.level}" for cell in known]
         wanted = re.split(r"\s*[<>]", requirement.text)[0]
-        close = difflib.get_close_matches(wanted, [*names, *(c.method for c in known)], n=1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
+        hint = suggestion(wanted, [*names, *(c.method for c in known)])
         raise UsageError(
             f"requirement {requirement.text!r} matches nothing that is evaluated{hint}; "
             f"there is: {', '.join(names) or 'nothing'}"

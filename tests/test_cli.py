@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli import cli
+from elast_cli.envs import ENVS
 from elast_cli.errors import ElastError
 from elast_cli.store import Ref, Store
 
@@ -277,6 +278,20 @@ def test_refs_chain_in_a_shell(home: Path) -> None:
 
 
 @pytest.mark.usefixtures("home")
+def test_eval_takes_the_environments_that_have_the_level(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["eval", "--methods", "random", "--dry-run", "--json", "--quiet"]
+    assert cli.run([*words, "--level", "hard"]) == 0
+    envs = {row["env"] for row in json.loads(capsys.readouterr().out)}
+    assert envs == {name for name, entry in ENVS.items() if "hard" in entry.levels}
+    assert 0 < len(envs) < len(ENVS)
+    fails(capsys, 2, [*words, "--level", "hard,hrad"], "'hrad'", "did you mean 'hard'", "medium")
+    other = next(name for name in ENVS if name not in envs)
+    fails(capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *ENVS[other].levels)
+
+
+@pytest.mark.usefixtures("home")
 def test_doctor_finds_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["doctor", "--json"]) == 0
     found = {check["name"]: check["status"] for check in json.loads(capsys.readouterr().out)}
@@ -284,9 +299,21 @@ def test_doctor_finds_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
     assert "fail" not in found.values()
 
 
-def test_doctor_says_what_is_wrong_with_the_store(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_home_that_is_not_made_yet_is_fine(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("ELAST_HOME", "/nowhere/at/all")
+    monkeypatch.setenv("ELAST_HOME", str(home / "not/yet"))
+    assert cli.run(["doctor", "--json"]) == 0
+    found = {check["name"]: check for check in json.loads(capsys.readouterr().out)}
+    assert f"not/yet will be made: {home} is writable" in found["store"]["value"]
+    assert "GB free" in found["disk"]["value"]
+    assert list(home.iterdir()) == []
+
+
+def test_doctor_says_what_is_wrong_with_the_store(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (home / "file").write_text("")
+    monkeypatch.setenv("ELAST_HOME", str(home / "file/in/it"))
     assert cli.run(["doctor"]) == 69
     assert "export ELAST_HOME" in capsys.readouterr().err

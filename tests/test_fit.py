@@ -14,6 +14,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from elast_cli.errors import DataError
 from elast_cli.fit import CHECKPOINT, METRICS, FitConfig, fit, write_metrics
 from elast_cli.progress import Silent
 
@@ -120,6 +121,16 @@ def test_half_a_checkpoint_of_a_killed_run_is_not_read(tmp_path: Path) -> None:
     train(net, tmp_path)
     train(plain, tmp_path / "other")
     assert_same(net, plain)
+
+
+def test_a_damaged_checkpoint_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        train(model(), tmp_path, die_at=23, end=die)
+    whole = (tmp_path / CHECKPOINT).read_bytes()
+    for damaged in (b"", whole[:-100], b"x" * 100, whole.replace(b"optimizer", b"optimizes")):
+        (tmp_path / CHECKPOINT).write_bytes(damaged)
+        with pytest.raises(DataError, match=r"checkpoint\.pt: a damaged checkpoint .*--fresh"):
+            train(model(), tmp_path)
 
 
 SCRIPT = """

@@ -267,5 +267,5 @@ def test_contexts_are_read_once_from_what_a_reset_told(tmp_path: Path) -> None:
 
 
 def test_an_unknown_method_is_named_with_the_closest_and_all_choices() -> None:
-    with pytest.raises(UsageError, match=r"'elats'; did you mean elast\?; choose elast, cpc-cem"):
+    with pytest.raises(UsageError, match=r"'elats' \(did you mean 'elast'\?\); choose elast,"):
         method_named("elats")

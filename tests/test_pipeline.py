@@ -125,7 +125,7 @@ def test_a_training_killed_twice_ends_with_the_same_weights(one: Path, tmp_path:
     assert found == weights(one)["encoder"]
 
 
-def test_an_interrupted_evaluation_continues_and_ends_the_same(
+def test_an_interrupted_or_damaged_evaluation_continues_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["eval", *ENV, "--methods", "random", "--level", "medium", "--episodes", "6"]
@@ -140,7 +140,11 @@ def test_an_interrupted_evaluation_continues_and_ends_the_same(
         patch.setattr(evaluate, "each", interrupted)
         assert run_in(tmp_path / "cut", words) == 130
     assert Store(tmp_path / "cut").refs() == []
-    assert len(list((tmp_path / "cut/artifacts/.runs").glob("*/medium-*.json"))) == 2
+    done = sorted((tmp_path / "cut/artifacts/.runs").glob("*/medium-*.json"))
+    assert len(done) == 2
+    done[0].write_bytes(done[0].read_bytes()[:10])
+    for frames in done[0].parent.glob("*.npz"):
+        frames.write_bytes(b"")
     assert run_in(tmp_path / "cut", [*words, "--quiet"]) == 0
     assert episodes(tmp_path / "cut") == episodes(tmp_path / "whole")
 
@@ -173,8 +177,50 @@ def test_a_second_run_does_no_work(one: Path, capsys: pytest.CaptureFixture[str]
     assert Store(one).refs() == before
     assert run_in(one, [*RUN, "--dry-run", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert len(rows) == 8
+    assert len(rows) == 9
     assert all(row["published"] for row in rows)
+
+
+def test_a_dry_evaluation_lists_what_it_would_make_and_no_more(
+    one: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["eval", *ENV, *SETS, "--level", "hard", "--dry-run", "--json", "--quiet"]
+    assert run_in(one, [*words, "--episodes", "2"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    kinds = ["eval elast", "eval cpc-cem", "eval random", "report"]
+    assert [row["kind"] for row in rows] == kinds
+    assert all(row["published"] for row in rows)
+    assert run_in(one, [*words, "--episodes", "3"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["kind"], row["published"]) for row in rows] == [(kind, None) for kind in kinds]
+
+
+def test_a_search_is_bounded_by_flags_and_a_time_budget_is_told(
+    one: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(one, tmp_path / "home")
+    words = ["plan", *ENV, *SETS, "--json"]
+    plans, store = [], Store(tmp_path / "home")
+    for bound in (["--max-nodes", "7"], ["--time-budget", "1e-5"]):
+        assert run_in(tmp_path / "home", [*words, *bound]) == 0
+        captured = capsys.readouterr()
+        plans.append(json.loads(captured.out)["plan"])
+        assert ("elast: plans of at most 1e-05 s each are not repeatable" in captured.err) == (
+            bound[0] == "--time-budget"
+        )
+    configs = [store.manifest(ref).recipe.config for ref in store.refs("block-s", "plan")]
+    searches = [json.loads(json.dumps(config))["sections"]["planner"] for config in configs[-2:]]
+    assert [planner["max_nodes"] for planner in searches] == [7, None]
+    assert [planner["time_budget"] for planner in searches] == [None, 1e-5]
+    assert [plan["repeatable"] for plan in plans] == [True, False]
+    words = ["eval", *ENV, *SETS, "--methods", "elast,random", "--level", "hard"]
+    assert run_in(tmp_path / "home", [*words, "--episodes", "1", "--time-budget", "0.001"]) == 0
+    assert "elast: plans of at most 0.001 s each" in capsys.readouterr().err
+    found = [store.manifest(ref) for ref in store.refs("block-s", "eval")[-2:]]
+    assert [(m.recipe.config["method"], m.metrics["repeatable"]) for m in found] == [
+        ("elast", False),
+        ("random", True),
+    ]
 
 
 def test_eval_takes_every_environment_whose_artifacts_are_there(
@@ -286,7 +332,7 @@ def test_a_second_run_with_contexts_does_no_work(
     assert run_in(with_context, words) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["kind"] for row in rows[:3]] == ["dataset", "context", "encoder"]
-    assert len(rows) == 9
+    assert len(rows) == 10
     assert all(row["published"] for row in rows)
 
 

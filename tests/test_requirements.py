@@ -93,7 +93,7 @@ def test_a_bad_requirement_is_answered_with_the_form(text: str) -> None:
 
 
 def test_a_misspelt_requirement_does_not_pass_silently() -> None:
-    with pytest.raises(UsageError, match=r"elats>=90.*did you mean elast.*elast@block-s/hard"):
+    with pytest.raises(UsageError, match=r"elats>=90.*did you mean 'elast'.*elast@block-s/hard"):
         check([parse_requirement("elats>=90")], OVERALL)
 
 

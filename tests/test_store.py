@@ -172,6 +172,15 @@ def test_a_removed_version_number_is_never_used_again(store: Store) -> None:
     assert publish(store, recipe(seed=2)).version == 3
 
 
+@pytest.mark.parametrize("note", [b"", b"two", b"\xff\xfe", b"9" * 5000, b"-3", b"1\n2"])
+def test_a_damaged_note_of_the_highest_version_is_made_anew(store: Store, note: bytes) -> None:
+    first = publish(store, recipe())
+    mark = store.path(first).parent / ".highest"
+    mark.write_bytes(note)
+    assert publish(store, recipe(seed=1)).version == 2
+    assert mark.read_bytes() == b"2\n"
+
+
 def test_a_name_that_is_taken_by_others_is_passed_over(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from elast_cli.errors import DataError, UnavailableError
 from elast_cli.progress import Silent
-from elast_cli.stages.workers import MOST_DEATHS, each, relayed
+from elast_cli.stages.workers import MOST_DEATHS, each, relayed, usable_cores
 
 
 class Notes(Silent):
@@ -19,6 +19,14 @@ class Notes(Silent):
 
     def note(self, text: str) -> None:
         self.said.append(text)
+
+
+def test_cores_are_counted_where_the_system_has_no_affinity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert usable_cores() >= 1
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert usable_cores() == os.cpu_count()
 
 
 def square(number: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import zlib
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ from typing import Literal
 import gymnasium
 import pydantic
 
-from elast_cli.config import StrictModel
+from elast_cli.config import StrictModel, suggestion
 from elast_cli.envs.base import (
     ElastEnv,
     Level,
@@ -151,9 +150,8 @@ def spec(name: str) -> EnvSpec:
         UsageError: naming the choices and the closest of them.
     """
     if name not in ENVS:
-        close = difflib.get_close_matches(name, ENVS, n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        raise UsageError(f"unknown environment {name!r}: choose {', '.join(ENVS)}{hint}")
+        hint = suggestion(name, ENVS)
+        raise UsageError(f"unknown environment {name!r}{hint}; choose {', '.join(ENVS)}")
     return ENVS[name]
 
 
@@ -188,10 +186,13 @@ def scenarios(
     *,
     seed: int,
     count: int,
+    first: int = 0,
     domain: Literal["scenario-val", "scenario-test"] = "scenario-test",
     config: StrictModel | Mapping[str, object] | None = None,
 ) -> list[Scenario]:
-    """The first `count` scenarios of a level: scenario i depends on (domain, seed, level, i) alone.
+    """Scenarios `first` to `first + count - 1` of a level.
+
+    Scenario i depends on (domain, seed, level, i) alone.
 
     Raises:
         UsageError: if the environment or the level is unknown.
@@ -200,5 +201,5 @@ def scenarios(
     key = zlib.crc32(env.level(level).name.encode())
     return [
         env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
-        for index in range(count)
+        for index in range(first, first + count)
     ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from elast_cli.config import suggestion
 from elast_cli.envs import spec
 from elast_cli.errors import MissingInputError, RequirementError, UsageError
 from elast_cli.manifest import JsonDict
@@ -53,10 +54,22 @@ class Benchmark:
         )
 
     def levels_of(self, env: str) -> tuple[str, ...]:
-        """The levels to evaluate of one environment. Raises UsageError if one is unknown."""
-        known = spec(env).env_class
-        names = tuple(known.levels) if self.levels is None else self.levels
-        return tuple(known.level(name).name for name in names)
+        """The levels to evaluate of one environment: those asked for that it has."""
+        known = spec(env).levels
+        return tuple(known if self.levels is None else (n for n in self.levels if n in known))
+
+    def having_levels(self, envs: Collection[str]) -> list[str]:
+        """The environments that have something to evaluate.
+
+        Raises:
+            UsageError: an unknown environment, or a level that none of them has.
+        """
+        known = list(dict.fromkeys(level for env in envs for level in spec(env).levels))
+        for name in self.levels or ():
+            if name not in known:
+                hint = suggestion(name, known)
+                raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
+        return [env for env in envs if self.levels_of(env)]
 
     def roles(self) -> list[str]:
         """All artifacts that the methods need."""
@@ -110,26 +123,33 @@ def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
     return report_step(job, evaluations).carry_out()
 
 
-def planned(job: Job, bench: Benchmark) -> list[JsonDict]:
+def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
     """What `evaluate_all` would find and make, in order."""
     rows: list[JsonDict] = []
+    evaluations: dict[tuple[str, int], Ref] = {}
     for seed in bench.seeds:
         of_seed = replace(job, seed=seed)
-        models = planned_models(of_seed, bench.roles())
-        rows += models
-        given = {
-            str(row["kind"]): Ref.parse(str(row["published"])) for row in models if row["published"]
-        }
+        if make:
+            models = planned_models(of_seed, bench.roles())
+            rows += models
+            refs = {str(row["kind"]): row["published"] for row in models if row["published"]}
+            of_seed = replace(of_seed, given={kind: Ref.parse(str(r)) for kind, r in refs.items()})
         for method in bench.methods:
-            ref = None
-            if all(role in given for role in present(job.env, method_named(method).needs)):
-                ready = replace(of_seed, given=given)
-                ref = evaluate.step(ready, method, bench.levels_of(job.env)).published()
-            published = str(ref) if ref else None
-            rows.append(
-                {"env": job.env, "kind": f"eval {method}", "seed": seed, "published": published}
-            )
+            ref, needs = None, present(job.env, method_named(method).needs)
+            if not make or all(role in of_seed.given for role in needs):
+                ref = evaluate.step(of_seed, method, bench.levels_of(job.env)).published()
+            if ref:
+                evaluations[method, seed] = ref
+            rows.append(_planned_row(of_seed, f"eval {method}", ref))
+    every = len(evaluations) == len(bench.methods) * len(bench.seeds)
+    report = report_step(job, evaluations).published() if every else None
+    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", report))
     return rows
+
+
+def _planned_row(job: Job, kind: str, ref: Ref | None) -> JsonDict:
+    published = str(ref) if ref else None
+    return {"env": job.env, "kind": kind, "seed": job.seed, "published": published}
 
 
 def planned_text(rows: Sequence[JsonDict]) -> str:

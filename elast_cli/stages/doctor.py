@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from elast_cli.errors import UnavailableError
+from elast_cli.stages.workers import usable_cores
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -108,7 +109,7 @@ def _package(name: str, requirement: str) -> Check:
 
 
 def _processor() -> list[Check]:
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     threads = os.environ.get("OMP_NUM_THREADS", "not set")
     return [
         Check("cores", "ok", f"{cores} usable of {os.cpu_count()}"),
@@ -157,11 +158,18 @@ def _home() -> Path:
     return Path(os.environ.get("ELAST_HOME") or ".").expanduser().absolute()
 
 
+def _there(home: Path) -> Path:
+    """The home, or the folder in which it would be made: the first above it that exists."""
+    return next(folder for folder in (home, *home.parents) if os.path.lexists(folder))
+
+
 def _store() -> Check:
     home = _home()
+    there = _there(home)
     try:
-        with tempfile.NamedTemporaryFile(dir=home, prefix=".elast-doctor-"):
-            return Check("store", "ok", f"{home} is writable")
+        with tempfile.NamedTemporaryFile(dir=there, prefix=".elast-doctor-"):
+            state = "is writable" if there == home else f"will be made: {there} is writable"
+            return Check("store", "ok", f"{home} {state}")
     except OSError as reason:
         remedy = "export ELAST_HOME=/a/writable/folder"
         return Check("store", "fail", f"{home}: {reason.strerror}", remedy)
@@ -169,7 +177,7 @@ def _store() -> Check:
 
 def _disk() -> Check:
     try:
-        free = shutil.disk_usage(_home()).free
+        free = shutil.disk_usage(_there(_home())).free
     except OSError as reason:
         return Check("disk", "warn", str(reason.strerror))
     value = f"{free / 1e9:.1f} GB free"

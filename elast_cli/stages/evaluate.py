@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
+from pydantic import ValidationError
 
 from elast_cli.envs import Scenario, make, scenarios, spec
 from elast_cli.manifest import JsonDict
 from elast_cli.methods import method_named
 from elast_cli.progress import Silent
-from elast_cli.publish import Run
+from elast_cli.publish import Run, whole_file
 from elast_cli.report import EpisodeRow
 from elast_cli.seeding import derived_seed
-from elast_cli.stages.job import Job, Step, limit_threads
+from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
 from elast_cli.stages.resolve import resolve
 from elast_cli.stages.results import write_results
 from elast_cli.stages.workers import each
@@ -70,20 +71,23 @@ def _evaluate(
     job: Job, method: str, levels: Sequence[str], inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
     began = time.monotonic()
+    note_if_unrepeatable(job, method_named(method))
     verify_files(job.store, inputs)  # once, before any worker reads them
     every = [scenario for level in levels for scenario in _scenarios(job, level)]
-    missing = [s for s in every if not _row_path(run.work, s.level, s.index).exists()]
+    missing = [s for s in every if _read_row(run.work, s.level, s.index) is None]
     chunks = _chunks(replace(job, progress=Silent()), method, inputs, missing, run.work)
     with job.progress.task(f"{method} (episodes)", len(every)) as advance:
         advance(len(every) - len(missing))
         for done in each(_run_chunk, chunks, workers=job.workers):
             advance(done)
-    rows = [_read_row(_row_path(run.work, s.level, s.index)) for s in every]
+    rows = [row for s in every if (row := _read_row(run.work, s.level, s.index))]
+    assert len(rows) == len(every)
     for level in levels:
         _draw(run, method, level, [row for row in rows if row.level == level])
     lineage = {role: str(ref) for role, ref in inputs.items()}
     overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
+    metrics["repeatable"] = method_named(method).repeatable(job.config)
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
 
 
@@ -188,14 +192,16 @@ def _row_path(folder: Path, level: str, index: int) -> Path:
 
 def _write_row(folder: Path, row: EpisodeRow) -> None:
     """Put an episode's row on disk, whole or not at all."""
-    path = _row_path(folder, row.level, row.episode_ix)
-    temporary = path.with_suffix(f".{os.getpid()}")
-    temporary.write_text(row.model_dump_json())
-    temporary.replace(path)
+    with whole_file(_row_path(folder, row.level, row.episode_ix)) as file:
+        file.write(row.model_dump_json().encode())
 
 
-def _read_row(path: Path) -> EpisodeRow:
-    return EpisodeRow.model_validate_json(path.read_bytes())
+def _read_row(folder: Path, level: str, index: int) -> EpisodeRow | None:
+    """An episode's row; None where there is none, or a damaged one: then it is run again."""
+    try:
+        return EpisodeRow.model_validate_json(_row_path(folder, level, index).read_bytes())
+    except (FileNotFoundError, ValidationError):
+        return None
 
 
 def _frames_path(folder: Path, level: str, index: int) -> Path:
@@ -203,11 +209,9 @@ def _frames_path(folder: Path, level: str, index: int) -> Path:
 
 
 def _write_frames(folder: Path, scenario: Scenario, trace: Trace) -> None:
-    path = _frames_path(folder, scenario.level, scenario.index)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.npz")
     assert trace.frames is not None
-    np.savez_compressed(temporary, frames=trace.frames, goal=trace.goal)
-    temporary.replace(path)
+    with whole_file(_frames_path(folder, scenario.level, scenario.index)) as file:
+        np.savez_compressed(file, frames=trace.frames, goal=trace.goal)
 
 
 def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None:
@@ -219,9 +223,12 @@ def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None
         path = _frames_path(run.work, level, row.episode_ix)
         if row.success not in left or not path.exists():
             continue
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                frames, goal = arrays["frames"], arrays["goal"]
+        except (BadZipFile, KeyError, ValueError):
+            continue  # damaged on disk: another episode is shown
         name = left.pop(row.success)
-        with np.load(path, allow_pickle=False) as arrays:
-            frames, goal = arrays["frames"], arrays["goal"]
         caption = f"{method}, {row.env} {level} {row.episode_ix}: {name}"
         pictures: Any = run.staging / f"{level}-{name}"
         film_strip(frames, goal, pictures.with_suffix(".png"), caption=caption)

@@ -13,6 +13,7 @@ from elast_cli.publish import Run
 from elast_cli.store import Recipe, Ref, Store
 
 if TYPE_CHECKING:
+    from elast_cli.methods import Method
     from elast_cli.preset import Preset  # imports torch, which workers that collect do without
 
 
@@ -139,6 +140,13 @@ def resolve_device(device: str) -> str:
     if device == "cuda":
         raise UnavailableError("torch sees no CUDA device; use --device cpu, or see: elast doctor")
     return "cpu"
+
+
+def note_if_unrepeatable(job: Job, method: Method) -> None:
+    """Say so if a method's plans depend on how fast this machine happens to be."""
+    if not method.repeatable(job.config):
+        budget = job.config.planner.time_budget
+        job.progress.note(f"{method.name}: plans of at most {budget:g} s each are not repeatable")
 
 
 def limit_threads(threads: int) -> None:

@@ -17,7 +17,7 @@ from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.evaluate import plan_seed, verify_files
-from elast_cli.stages.job import Job, Step, limit_threads
+from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
 from elast_cli.stages.resolve import resolve
 from elast_cli.store import Ref, Store
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ALGORITHM_VERSION = 2
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
+METRICS = ("reached", "steps", "nodes", "seconds", "repeatable")
 MOST_FRAMES = 38  # along the path, in the picture
 
 
@@ -77,6 +78,7 @@ def _plan(
     from elast_cli.planners.base import Query
 
     limit_threads(job.threads)
+    note_if_unrepeatable(job, method)
     verify_files(job.store, inputs)
     models = load_models({role: job.store.path(ref) for role, ref in inputs.items()}, job.device)
     scenario = _scenario(job, level, index)
@@ -96,7 +98,7 @@ def _plan(
     support = models.ensemble.support.latents.cpu().numpy()
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
-    return {key: plan.figures[key] for key in ("reached", "steps", "nodes", "seconds")}
+    return {key: plan.figures[key] for key in METRICS}
 
 
 def _scenario(job: Job, level: str, index: int) -> Scenario:
@@ -105,10 +107,11 @@ def _scenario(job: Job, level: str, index: int) -> Scenario:
         job.env,
         level,
         seed=settings.scenario_seed,
-        count=index + 1,
+        count=1,
+        first=index,
         domain=settings.domain,
         config=job.config.env,
-    )[index]
+    )[0]
 
 
 def _resting(frame: Uint8) -> Uint8:

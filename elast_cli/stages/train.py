@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from elast_cli.config import StrictModel
 from elast_cli.errors import DataError
-from elast_cli.fit import CHECKPOINT, write_metrics
+from elast_cli.fit import write_metrics
 from elast_cli.manifest import JsonDict
 from elast_cli.preset import Preset
 from elast_cli.publish import Run
@@ -134,7 +134,7 @@ def _draw_contexts(module: nn.Module, dataset: Dataset, setting: Setting, path: 
 
 @contextmanager
 def _disk_errors(run: Run) -> Iterator[None]:
-    """A disk error as OSError, whatever torch and safetensors make of it; no half checkpoint."""
+    """A disk error as OSError, whatever torch and safetensors make of it."""
     from safetensors import SafetensorError
 
     try:
@@ -148,9 +148,6 @@ def _disk_errors(run: Run) -> Iterator[None]:
         if found:
             raise OSError(int(found[1]), os.strerror(int(found[1]))) from None
         raise
-    finally:
-        for left in run.work.glob(f"{CHECKPOINT}.*"):
-            left.unlink()
 
 
 # --- one trainer a part --------------------------------------------------------------------------

@@ -51,6 +51,13 @@ def each(task: Callable[[T], R], items: Sequence[T], *, workers: int) -> Iterato
     )
 
 
+def usable_cores() -> int:
+    """Processor cores that this process may use, where the system tells; else all there are."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool that does not outlive the block, whatever ends it."""

@@ -238,6 +238,7 @@ def test_a_scenario_depends_on_its_index_and_not_on_the_count(entry: EnvSpec, le
     few, many = (scenarios(entry.name, level, seed=6, count=count) for count in (2, 5))
     assert all(same(one, other) for one, other in zip(few, many, strict=False))
     assert not same(many[0], many[1])
+    assert same(scenarios(entry.name, level, seed=6, count=1, first=3)[0], many[3])
     validation = scenarios(entry.name, level, seed=6, count=1, domain="scenario-val")
     assert not same(validation[0], few[0])
 
@@ -397,7 +398,7 @@ def test_the_documentation_states_budgets_and_radius(entry: EnvSpec) -> None:
 
 
 def test_an_unknown_name_is_answered_with_the_closest() -> None:
-    with pytest.raises(UsageError, match=r"'blok-s'.*block-s.*did you mean block-s"):
+    with pytest.raises(UsageError, match=r"'blok-s' \(did you mean 'block-s'\?\); choose block-s"):
         spec("blok-s")
 
 
