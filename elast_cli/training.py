@@ -27,6 +27,7 @@ from elast_cli.seeding import derived_seed, generator
 from elast_cli.shapes import FRAMES, Bool, Int64
 
 VALIDATION_ROWS = 2048
+WINDOWS_PER_CONTEXT = 16  # in a batch of the encoder: what is contrasted with one another
 STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
 
@@ -121,6 +122,25 @@ class FrameWindows:
         return self.stacks(steps, still), actions, self.contexts(rows)
 
 
+class Starts:
+    """Rows at which windows may start; batches of them."""
+
+    def __init__(self, rows: Int64, episode: Int64, *, grouped: bool) -> None:
+        """Take rows [M] and the episode of each; `grouped`: only few episodes in a batch."""
+        self.rows, self.grouped = rows, grouped
+        self.groups = np.split(rows, np.flatnonzero(np.diff(episode)) + 1)
+
+    def batch(self, rng: np.random.Generator, size: int) -> Int64:
+        """Rows [size], uniform with replacement; if grouped, several different ones an episode."""
+        if not self.grouped:
+            return self.rows[rng.integers(len(self.rows), size=size)]
+        chosen = rng.integers(len(self.groups), size=max(1, size // WINDOWS_PER_CONTEXT))
+        return np.concatenate([self._some(self.groups[group], rng) for group in chosen])
+
+    def _some(self, rows: Int64, rng: np.random.Generator) -> Int64:
+        return rng.choice(rows, min(WINDOWS_PER_CONTEXT, len(rows)), replace=False)
+
+
 def train_encoder(
     dataset: Dataset, context: Tensor, stage: EncoderStage, setting: Setting
 ) -> Trained:
@@ -151,9 +171,10 @@ def train_encoder(
     sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+    batches = Starts(starts, windows.episode[starts], grouped=context.shape[1] > 0)
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
-        rows = starts[rng.integers(len(starts), size=stage.fit.batch_size)]
+        rows = batches.batch(rng, stage.fit.batch_size)
         still = rng.random((len(rows), horizon + 1)) < stage.cpc.still_share
         return cpc_loss(model, *windows.window(rows, horizon, still), stage.cpc)
 

@@ -20,6 +20,7 @@ from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.progress import Silent
 from elast_cli.training import (
+    WINDOWS_PER_CONTEXT,
     DensityStage,
     EncoderStage,
     EnsembleStage,
@@ -27,6 +28,7 @@ from elast_cli.training import (
     LatentData,
     PolicyStage,
     Setting,
+    Starts,
     Trained,
     encode,
     train_density,
@@ -161,6 +163,42 @@ def test_training_and_held_out_transitions_never_share_an_episode(data: LatentDa
     for rows in (train, val):
         assert (rows // ROWS == (rows + 1) // ROWS).all()
         assert torch.isfinite(data.action[rows]).all()
+
+
+def test_without_contexts_windows_start_anywhere() -> None:
+    rows, episode = np.arange(0, 60, 2), np.repeat(np.arange(3), 10)
+    found = Starts(rows, episode, grouped=False).batch(np.random.default_rng(0), 50)
+    np.testing.assert_array_equal(found, rows[np.random.default_rng(0).integers(30, size=50)])
+
+
+def test_with_contexts_a_batch_has_several_different_windows_of_few_episodes() -> None:
+    length = (40, 3, 30)
+    episode = np.repeat(np.arange(3), length)
+    rows = 5 + np.arange(73)
+    starts = Starts(rows, episode, grouped=True)
+    for seed in range(20):
+        found = starts.batch(np.random.default_rng(seed), 2 * WINDOWS_PER_CONTEXT)
+        first, second = (
+            part
+            for e in np.random.default_rng(seed).integers(3, size=2)
+            for part in [min(length[e], WINDOWS_PER_CONTEXT)]
+        )
+        assert len(found) == first + second
+        for part in (found[:first], found[first:]):
+            assert len(set(part.tolist())) == len(part)
+            assert len(set(episode[part - 5].tolist())) == 1
+
+
+def test_an_encoder_takes_contexts(dataset: Dataset, tmp_path: Path) -> None:
+    stage = ENCODER.model_copy(update={"fit": FitConfig(steps=10, batch_size=64)})
+    context = torch.randn(EPISODES, 5, generator=torch.Generator().manual_seed(0))
+    trained = train_encoder(dataset, context, stage, setting(tmp_path))
+    assert trained.sizes is not None
+    assert trained.sizes.context == 5
+    assert isinstance(trained.module, Representation)
+    data = encode(dataset, context, trained.module, setting(tmp_path))
+    torch.testing.assert_close(data.context[::ROWS], context)
+    assert data.sizes == trained.sizes
 
 
 # ---- encoder ------------------------------------------------------------------------------------

@@ -22,12 +22,16 @@ class CpcConfig(StrictModel):
     still_share: float = Field(default=0.5, ge=0, le=1)
 
 
-def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
+def info_nce(prediction: Tensor, future: Tensor, context: Tensor | None = None) -> Tensor:
     """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from [M,Z] predictions and futures.
 
-    Row i's positive is future i; the other rows' futures are its negatives.
+    Row i's positive is future i; the futures of the other rows, of the same context [M,C] if there
+    is one, are its negatives: the expectation is over contexts, and z need not tell them apart.
     """
     logits = -torch.cdist(prediction, future).square()
+    if context is not None and context.shape[1]:
+        same = (context[:, None] == context).all(-1)
+        logits = logits.masked_fill(~same, -torch.inf)
     return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
 
 
@@ -70,6 +74,6 @@ def cpc_loss(
     for i in range(config.horizon):
         predicted = model.dynamics(predicted, actions[:, i], context)
         consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
-    contrast = info_nce(predicted, z[:, -1])
+    contrast = info_nce(predicted, z[:, -1], context)
     total = contrast + config.consistency_weight * consistency
     return total, {"info_nce": contrast, "consistency": consistency}

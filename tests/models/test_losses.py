@@ -63,6 +63,18 @@ def test_info_nce_of_predictions_that_say_nothing_is_the_log_of_the_batch() -> N
     assert info_nce(torch.zeros(16, 2), torch.zeros(16, 2)).item() == pytest.approx(math.log(16))
 
 
+def test_info_nce_contrasts_within_a_context_only() -> None:
+    torch.manual_seed(0)
+    prediction, future = torch.randn(6, 2), torch.randn(6, 2)
+    context = torch.tensor([[0.0, 1], [0, 1], [0, 2], [0, 2], [0, 2], [0, 1]])
+    first, second = [0, 1, 5], [2, 3, 4]
+    parts = [info_nce(prediction[rows], future[rows]) for rows in (first, second)]
+    found = info_nce(prediction, future, context)
+    torch.testing.assert_close(found, torch.stack(parts).mean())
+    none = info_nce(prediction, future, torch.zeros(6, 0))
+    assert torch.equal(none, info_nce(prediction, future))
+
+
 class _Latent(nn.Module):
     """Encodes a stack as the first pixel of its last frame."""
 
@@ -90,10 +102,10 @@ def test_cpc_predicts_its_own_predictions_forward() -> None:
     features = torch.zeros(2, 3, 3, 3, 1, 1)
     features[:, :, -1, 0, 0, 0] = z
     actions = torch.tensor([[[1.0], [1.0]], [[1.0], [0.0]]])
-    context = torch.tensor([[0.0], [-1.0]])
-    # auto-regressive: 0 -> 1 -> 2 and 5 -> 5 -> 4; errors 0, 0 then 1, 4 (Eq. 4)
-    consistency = (0 + 0) / 2 + (1 + 4) / 2
-    logits = -np.array([[1.0, 16.0], [1.0, 4.0]])  # of predictions 2, 4 to futures 3, 6
+    context = torch.tensor([[-1.0], [-1.0]])
+    # auto-regressive: 0 -> 0 -> 0 and 5 -> 5 -> 4; errors 1, 0 then 9, 4 (Eq. 4)
+    consistency = (1 + 0) / 2 + (9 + 4) / 2
+    logits = -np.array([[9.0, 36.0], [1.0, 4.0]])  # of predictions 0, 4 to futures 3, 6
     contrast = -np.log(np.exp(np.diag(logits)) / np.exp(logits).sum(1)).mean()
     loss, parts = cpc_loss(toy_representation(config), features, actions, context, config)
     assert parts["consistency"].item() == pytest.approx(consistency)
