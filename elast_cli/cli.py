@@ -168,12 +168,14 @@ def evaluate(
     """Evaluate methods: success rates with intervals, pictures, results JSON."""
     from elast_cli.envs import ENVS
     from elast_cli.stages import benchmark
+    from elast_cli.store import Ref
 
     bench = _bench(evaluating, lineage)
+    named = {Ref.parse(text).env for text in asdict(inputs).values() if text}
     extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
         _job(name, lineage, running, extra, inputs)
-        for name in bench.having_levels([env] if env else ENVS)
+        for name in bench.having_levels([env] if env else named or ENVS)
     ]
     jobs = benchmark.complete(jobs, bench)
     _report(jobs, bench, running, make=False)

@@ -166,6 +166,7 @@ def test_verify_names_the_changed_file_and_exits_65(
         ),
         (66, ["eval", "--env", "block-s", "--quiet"], ["elast collect --env block-s"]),
         (66, ["eval", "--quiet"], ["elast collect --env block-s"]),
+        (66, ["eval", "--encoder", "cable/encoder/v1"], ["cable/encoder/v1 does not exist"]),
         (
             78,
             ["collect", "--env", "block-s", "--set", "collect.m=3"],
