@@ -275,10 +275,12 @@ def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
     assert "2 episodes are there already" in notes.said[0]
 
 
-def test_fresh_forgets_what_was_begun(job: Job) -> None:
+def test_damaged_episodes_are_named_and_fresh_forgets_them(job: Job) -> None:
     step = collect.step(replace(job, fresh=True))
     with job.store.begin(step.recipe, parents={}) as run:
         (run.work / "episode-0000000.h5").write_text("left by a broken disk")
+    with pytest.raises(DataError, match=r"episode-0000000\.h5: .*--fresh"):
+        collect.step(job).carry_out()
     ref = step.carry_out()
     assert job.store.manifest(ref).metrics["episodes"] == 6
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import elast_cli
 from elast_cli.dataset import compact, shard_path, write_shard
 from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, make, spec
+from elast_cli.errors import DataError
 from elast_cli.manifest import JsonDict
 from elast_cli.publish import Run
 from elast_cli.stages.job import Job, Step
@@ -71,7 +72,10 @@ def _collect(job: Job, run: Run) -> JsonDict:
         "env_id": spec(job.env).gym_id,
         "seed": job.seed,
     }
-    compact(shards, run.staging / DATASET_FILE, attrs=attrs)
+    try:
+        compact(shards, run.staging / DATASET_FILE, attrs=attrs)
+    except DataError as damage:  # of what this run, or the one it continues, has collected
+        raise DataError(f"{damage}; the same command with --fresh collects all anew") from None
     return {
         "episodes": len(shards),
         "transitions": len(shards) * collect.episode_steps,
