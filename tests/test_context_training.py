@@ -11,7 +11,12 @@ import torch
 from elast_cli import context_training
 from elast_cli.context_training import ContextStage, train_context
 from elast_cli.fit import FitConfig
-from elast_cli.models.context import ContextAutoencoder, ContextConfig, context_vectors
+from elast_cli.models.context import (
+    ContextAutoencoder,
+    ContextConfig,
+    context_vectors,
+    reconstruction_error,
+)
 from elast_cli.progress import Silent
 from elast_cli.shapes import Uint8
 from elast_cli.training import Setting, Trained
@@ -79,14 +84,13 @@ def test_a_killed_training_ends_with_the_same_weights(
         pass
 
     steps = 0
-    error = context_training.reconstruction_error
 
     def killed(model: ContextAutoencoder, features: torch.Tensor) -> torch.Tensor:
         nonlocal steps
         steps += 1
         if steps > 150:
             raise KilledError
-        return error(model, features)
+        return reconstruction_error(model, features)
 
     with monkeypatch.context() as patch:
         patch.setattr(context_training, "reconstruction_error", killed)

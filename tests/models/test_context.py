@@ -41,7 +41,8 @@ def test_an_image_becomes_a_code_and_an_image_again(pool: int) -> None:
     assert model(features).shape == (3, 5)
     assert model.decode(model.code(features)).shape == (3, 3, side, side)
     found = reconstructions(model, images)
-    assert (found.shape, found.dtype) == ((3, side, side, 3), np.uint8)
+    assert found.shape == (3, side, side, 3)
+    assert found.dtype == np.uint8
 
 
 def test_context_vectors_are_standardised_codes() -> None:
@@ -51,7 +52,8 @@ def test_context_vectors_are_standardised_codes() -> None:
     with torch.no_grad():
         model.fit_codes(model.code(features))
     found = context_vectors(model, images)
-    assert (found.shape, found.dtype) == ((200, 4), np.float32)
+    assert found.shape == (200, 4)
+    assert found.dtype == np.float32
     np.testing.assert_allclose(found.mean(0), 0, atol=1e-3)
     np.testing.assert_allclose(found.std(0), 1, atol=1e-3)
 
