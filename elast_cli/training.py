@@ -19,6 +19,7 @@ from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import EncoderConfig
 from elast_cli.models.io import Sizes
+from elast_cli.models.noise import Noise
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
@@ -392,19 +393,17 @@ def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Tr
     psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
     ratio = stage.net.noise_ratio
     _fit_scale(psi.scale, data)
+    noise = _noise(data, psi, setting)
 
     def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         z, _, context, z_next = data.transitions(rows)
-        shape = (ratio * len(rows), z.shape[1])
-        normal = torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(z.device)
-        source, source_context = z.repeat(ratio, 1), context.repeat(ratio, 1)
-        sources = torch.cat([z, source])
-        targets = torch.cat([z_next, source + normal * psi.noise_std()])
-        contexts = torch.cat([context, source_context])
+        sources = z.repeat(1 + ratio, 1)
+        targets = torch.cat([z_next, noise.draw(rows, rng).flatten(0, 1)])
+        contexts = context.repeat(1 + ratio, 1)
         is_data = torch.arange(len(sources), device=z.device) < len(z)
         log_ratio = psi.log_ratio(sources, targets, contexts)
         zero = torch.zeros_like(log_ratio)
-        correct = ((log_ratio > np.log(ratio)) == is_data).float()
+        correct = ((log_ratio > 0) == is_data).float()
         accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
         return nce_loss(log_ratio, zero, is_data, ratio), accuracy
 
@@ -424,6 +423,20 @@ def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Tr
         psi.log_density_quantiles.fit(psi(z, z_next, context))
     metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
     return Trained(psi, data.sizes, curve, metrics)
+
+
+def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
+    z, _, _, z_next = data.transitions(data.train)
+    step = float(np.quantile((z_next - z).norm(dim=1).cpu().numpy(), 0.95))
+    return Noise(
+        data.z,
+        data.train,
+        std=psi.noise_std(),
+        ratio=psi.config.noise_ratio,
+        near=psi.config.near,
+        radius=psi.config.near_radius * step,
+        rng=generator("train", setting.seed, STAGES["density"]),
+    )
 
 
 def train_policy(

@@ -15,11 +15,22 @@ from elast_cli.models.nets import MAX_WIDTH, QuantileTable, mlp
 
 
 class DensityConfig(StrictModel):
-    """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text."""
+    """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
+
+    A share `near_share` of the noise stems from latents of the data within `near_radius` (in 95 %
+    quantiles of the lengths of steps) of the source; 0 is the paper's Gaussian noise alone.
+    """
 
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     noise_ratio: int = Field(default=10, ge=1)
     noise_scale: float = Field(default=1.0, gt=0)
+    near_share: float = Field(default=0.8, ge=0, le=1)
+    near_radius: float = Field(default=1.25, gt=0)
+
+    @property
+    def near(self) -> int:
+        """How many of the ν false successors come from near by."""
+        return round(self.near_share * self.noise_ratio)
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
@@ -33,9 +44,13 @@ def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio:
 class TransitionDensity(nn.Module):
     """ψ: log density of a latent transition given its source, ln p(z' | z, c), in nats.
 
-    The network's output is the log ratio to the noise N(z, Σ), Σ = diag(step²), so
-    `log_density` adds ln p_n. Its first layer is linear in z and z', so a node's two
-    contributions can be computed once and a pair costs only the later layers.
+    The network's output is the log ratio to the noise. For the Gaussian N(z, Σ), Σ = diag(step²),
+    ψ adds ln p_n. Noise that is partly data from near by has no known density: there the ratio
+    stands, the density relative to what else lies near by. Neither the units of the latent space
+    nor how the data crowd in it change it, so that one threshold fits everywhere.
+
+    The first layer is linear in z and z', so a node's two contributions can be computed once and
+    a pair costs only the later layers.
     """
 
     def __init__(self, config: DensityConfig, latent_size: int, context_size: int) -> None:
@@ -79,5 +94,6 @@ class TransitionDensity(nn.Module):
         return self.log_ratio_from_hidden(self.first(x))
 
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        """Log density ln p(z' | z, c) [M] in nats."""
-        return self.log_ratio(z, z_next, context) + self.log_noise(z, z_next)
+        """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data."""
+        ratio = self.log_ratio(z, z_next, context)
+        return ratio if self.config.near else ratio + self.log_noise(z, z_next)

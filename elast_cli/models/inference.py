@@ -142,6 +142,7 @@ class LatentWorld:
         self._policy = PolicyCall(policy)
         self._first = DenseNetwork([_first_layer_as_network(density)])
         self._rest = DenseNetwork.of(density.rest)
+        self._relative = density.config.near > 0
         std = density.noise_std()
         self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
 
@@ -168,7 +169,9 @@ class LatentWorld:
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
         """ln p(target | source) [P] of index pairs into a feature table [N,E]."""
         hidden, gap = _pair_hidden(features, source, target, self.width)
-        log_ratio = self._rest(hidden)[0, :, 0]
+        log_ratio: Float32 = self._rest(hidden)[0, :, 0]
+        if self._relative:
+            return log_ratio
         return log_ratio - np.float32(0.5) * gap + np.float32(self._log_noise)
 
     def supported(self, z: Float32, limit: float) -> Bool:

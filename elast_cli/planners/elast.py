@@ -36,8 +36,8 @@ class TreeConfig(StrictModel):
     max_nodes: int | None = Field(default=None, ge=1)
     time_budget: float | None = Field(default=None, gt=0)
     batch_min: int = Field(default=8, ge=1)
-    batch_max: int = Field(default=32, ge=1)
-    batch_share: float = Field(default=1 / 64, ge=0, le=1)
+    batch_max: int = Field(default=64, ge=1)
+    batch_share: float = Field(default=1 / 32, ge=0, le=1)
     p_uniform: float = Field(default=0.2, ge=0, le=1)
     p_sparse: float = Field(default=0.78, ge=0, le=1)
     sparse_exponent: float = Field(default=3.0, ge=0)
@@ -49,7 +49,7 @@ class TreeConfig(StrictModel):
     rewire: bool = True
     connect_candidates: int = Field(default=3, ge=1)
     use_ensemble: bool = True
-    density_quantile: float | None = Field(default=0.005, ge=0, lt=1)
+    density_quantile: float | None = Field(default=0.02, ge=0, lt=1)
     variance_quantile: float | None = Field(default=0.99, gt=0, le=1)
     support_quantile: float | None = Field(default=0.99, gt=0, le=1)
     round_trip_quantile: float | None = Field(default=0.95, gt=0, le=1)

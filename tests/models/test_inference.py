@@ -62,7 +62,10 @@ def test_with_a_forward_model_it_alone_predicts(parts: dict[str, Any]) -> None:
     assert (world.members, world_of(parts).members) == (1, 3)
 
 
-def test_the_density_of_pairs_is_the_plain_one(parts: dict[str, Any]) -> None:
+@pytest.mark.parametrize("near_share", [0.8, 0.0])
+def test_the_density_of_pairs_is_the_plain_one(parts: dict[str, Any], near_share: float) -> None:
+    psi = parts["density"]
+    psi.config = psi.config.model_copy(update={"near_share": near_share})
     world = world_of(parts)
     table = np.concatenate([world.features(Z, ROW), world.features(Z_NEXT, ROW)])
     assert table.shape == (2 * ROWS, world.feature_size)

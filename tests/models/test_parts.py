@@ -123,11 +123,13 @@ def test_the_noise_is_a_gaussian_about_the_source() -> None:
         assert psi.log_noise(z, z_next)[i].item() == pytest.approx(expected, rel=1e-4)
 
 
-def test_the_log_density_is_the_ratio_times_the_noise() -> None:
+def test_the_density_is_relative_to_noise_from_data_and_absolute_otherwise() -> None:
     psi = density()
     z, z_next, _, context = items(5)
-    expected = psi.log_ratio(z, z_next, context) + psi.log_noise(z, z_next)
-    torch.testing.assert_close(psi(z, z_next, context), expected)
+    ratio = psi.log_ratio(z, z_next, context)
+    torch.testing.assert_close(psi(z, z_next, context), ratio)
+    psi.config = psi.config.model_copy(update={"near_share": 0.0})
+    torch.testing.assert_close(psi(z, z_next, context), ratio + psi.log_noise(z, z_next))
 
 
 def test_features_of_two_nodes_add_up_to_the_first_layer() -> None:
