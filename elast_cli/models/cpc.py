@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 from pydantic import Field
 from torch import Tensor, nn
@@ -14,23 +16,30 @@ from elast_cli.models.nets import MAX_WIDTH, QuantileTable
 
 
 class CpcConfig(StrictModel):
-    """The objective of Eq. 4; k and K_h are not stated in the paper's main text."""
+    """The objective of Eq. 4; k and K_h are not stated in the paper's main text.
+
+    `negatives` are the last states of the batch's other windows, or all states of all windows. The
+    latter differ from the positive by few steps, so that telling them apart asks for fine detail.
+    """
 
     horizon: int = Field(default=3, ge=1, le=20)
     consistency_weight: float = Field(default=4.0, ge=0)
     dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     still_share: float = Field(default=0.5, ge=0, le=1)
+    negatives: Literal["last", "window"] = "last"
 
 
 def info_nce(prediction: Tensor, future: Tensor, context: Tensor | None = None) -> Tensor:
-    """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from [M,Z] predictions and futures.
+    """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from predictions [M,Z], states [nM,Z].
 
-    Row i's positive is future i; the futures of the other rows, of the same context [M,C] if there
-    is one, are its negatives: the expectation is over contexts, and z need not tell them apart.
+    Row i's positive is state i. The others, n for each row, are its negatives, if they are of the
+    same context [M,C] or there is none: the expectation is over contexts, and z need not tell them
+    apart.
     """
     logits = -torch.cdist(prediction, future).square()
     if context is not None and context.shape[1]:
         same = (context[:, None] == context).all(-1)
+        same = same.repeat(1, len(future) // len(prediction))
         logits = logits.masked_fill(~same, -torch.inf)
     return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
 
@@ -74,6 +83,8 @@ def cpc_loss(
     for i in range(config.horizon):
         predicted = model.dynamics(predicted, actions[:, i], context)
         consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
-    contrast = info_nce(predicted, z[:, -1], context)
+    latest_first = z.flip(1).transpose(0, 1).flatten(0, 1)
+    states = latest_first if config.negatives == "window" else z[:, -1]
+    contrast = info_nce(predicted, states, context)
     total = contrast + config.consistency_weight * consistency
     return total, {"info_nce": contrast, "consistency": consistency}

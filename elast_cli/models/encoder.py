@@ -10,16 +10,21 @@ from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
 from elast_cli.models.nets import MAX_WIDTH, PooledImages, mlp
-from elast_cli.shapes import FRAMES
 
 
 class EncoderConfig(StrictModel):
-    """Shape of φ. The paper's appendix has its sizes; these are our choice."""
+    """Shape of φ. The paper's appendix has its sizes; these are our choice.
+
+    With `frames` 1, φ sees only the last frame of a state: for worlds where nothing moves by itself
+    and one frame shows all there is to know.
+    """
 
     architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
     latent_size: int = Field(default=8, gt=0, le=256)
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     pool: Literal[1, 2, 4, 8] = 4
+    frames: Literal[1, 3] = 3
+    channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
 
 
 class Encoder(PooledImages):
@@ -35,14 +40,14 @@ class Encoder(PooledImages):
         self.config = config
         side = self.side
         if config.architecture == "pooled-mlp":
-            n_in = FRAMES * 3 * side * side + context_size
+            n_in = config.frames * 3 * side * side + context_size
             self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
         else:
             self.net = ConvStack(side, config, context_size)
 
     def forward(self, features: Tensor, context: Tensor) -> Tensor:
         """Encode stacks [M,F,3,S,S] with contexts [M,C] to latents [M,Z]."""
-        x = self.normalized(features)
+        x = self.normalized(features[:, -self.config.frames :])
         if isinstance(self.net, ConvStack):
             latent: Tensor = self.net(x.flatten(1, 2), context)
         else:
@@ -55,7 +60,7 @@ class ConvStack(nn.Module):
 
     def __init__(self, side: int, config: EncoderConfig, context_size: int) -> None:
         super().__init__()
-        channels, n_in = 32, FRAMES * 3
+        channels, n_in = config.channels, config.frames * 3
         layers: list[nn.Module] = []
         while side > 4:
             layers += [nn.Conv2d(n_in, channels, 4, stride=2, padding=1), nn.ReLU()]
@@ -64,6 +69,6 @@ class ConvStack(nn.Module):
         self.head = mlp([n_in * side * side + context_size, config.width, config.latent_size])
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """[M,F·3,S,S], [M,C] -> [M,Z]."""
+        """Frames beside each other as channels [M,F·3,S,S], [M,C] -> [M,Z]."""
         latent: Tensor = self.head(torch.cat([self.body(x), context], dim=1))
         return latent

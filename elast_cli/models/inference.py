@@ -240,6 +240,7 @@ class FrameEncoder:
         device = self.encoder.mean.device
         flat = torch.from_numpy(frames.reshape(-1, *frames.shape[2:])).to(device)
         features = self.encoder.preprocess(flat).unflatten(0, (rows, -1))
+        features = features[:, -self.encoder.config.frames :]
         if self._net is not None:
             x = (features.float() - self.encoder.mean) / self.encoder.scale
             latent: Float32 = self._net(np.concatenate([x.flatten(1).cpu().numpy(), context], 1))[0]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tiny import ACTION, CONTEXT, LATENT, models
 from torch import nn
 
+from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.inference import CemRollout, FrameEncoder, LatentWorld, PolicyCall
 from elast_cli.shapes import FRAMES, Float32
 
@@ -144,6 +145,18 @@ def test_the_frame_encoder_is_the_encoder_row_by_row(architecture: str) -> None:
     np.testing.assert_allclose(latent, expected, rtol=1e-4, atol=1e-5)
     for b in range(5):
         np.testing.assert_array_equal(call(frames[b : b + 1], context[b : b + 1])[0], latent[b])
+
+
+@pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
+def test_the_frame_encoder_of_one_frame_is_the_encoder(architecture: str) -> None:
+    keys = {"architecture": architecture, "frames": 1, "width": 16, "channels": 4}
+    encoder = Encoder(EncoderConfig.model_validate(keys)).eval()
+    frames = np.random.default_rng(0).integers(256, size=(4, FRAMES, 64, 64, 3), dtype=np.uint8)
+    none = np.zeros((4, 0), np.float32)
+    features = encoder.preprocess(torch.from_numpy(frames[:, -1]))
+    with torch.no_grad():
+        expected = encoder(features[:, None], torch.from_numpy(none)).numpy()
+    np.testing.assert_allclose(FrameEncoder(encoder)(frames, none), expected, rtol=1e-4, atol=1e-4)
 
 
 def test_the_policy_call_is_the_policy_row_by_row(parts: dict[str, Any]) -> None:

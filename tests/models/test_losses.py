@@ -113,6 +113,28 @@ def test_cpc_predicts_its_own_predictions_forward() -> None:
     assert loss.item() == pytest.approx(contrast + 0.5 * consistency, rel=1e-5)
 
 
+def test_all_states_of_all_windows_may_be_negatives() -> None:
+    config = CpcConfig.model_validate({"horizon": 1, "negatives": "window"})
+    z = torch.tensor([[0.0, 1.0], [5.0, 6.0]])  # [M, k+1]
+    features = torch.zeros(2, 2, 3, 3, 1, 1)
+    features[:, :, -1, 0, 0, 0] = z
+    actions, context = torch.tensor([[[3.0]], [[1.0]]]), torch.full((2, 1), -1.0)
+    # predictions 2 and 5 against the last states 1, 6 and the first ones 0, 5
+    logits = -np.array([[1.0, 16.0, 4.0, 9.0], [16.0, 1.0, 25.0, 0.0]])
+    contrast = -np.log(np.exp(np.diag(logits)) / np.exp(logits).sum(1)).mean()
+    _, parts = cpc_loss(toy_representation(config), features, actions, context, config)
+    assert parts["info_nce"].item() == pytest.approx(contrast, rel=1e-5)
+
+
+def test_negatives_of_windows_are_of_the_same_context() -> None:
+    prediction, states = torch.randn(2, 3), torch.randn(4, 3)
+    context = torch.tensor([[0.0], [1.0]])
+    first = info_nce(prediction[:1], states[::2])
+    second = info_nce(prediction[1:], states[1::2])
+    together = info_nce(prediction, states, context)
+    assert together.item() == pytest.approx((first + second).item() / 2, rel=1e-5)
+
+
 def test_a_perfect_model_has_no_consistency_loss() -> None:
     config = CpcConfig(horizon=1)
     features = torch.zeros(4, 2, 3, 3, 1, 1)

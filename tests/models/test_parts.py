@@ -79,6 +79,19 @@ def test_every_encoder_sees_all_frames_and_the_context(architecture: str, pool: 
         assert not torch.equal(z, encoder(changed, context))
 
 
+@pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
+def test_an_encoder_of_one_frame_sees_the_last(architecture: str) -> None:
+    torch.manual_seed(0)
+    keys = {"architecture": architecture, "pool": 8, "frames": 1, "width": 16, "channels": 4}
+    encoder = Encoder(EncoderConfig.model_validate(keys))
+    base, context = torch.rand(1, 3, 3, 8, 8), torch.zeros(1, 0)
+    earlier, last = base.clone(), base.clone()
+    earlier[:, :2] += 1
+    last[:, 2] += 1
+    torch.testing.assert_close(encoder(earlier, context), encoder(base, context))
+    assert not torch.equal(encoder(last, context), encoder(base, context))
+
+
 def test_the_scale_is_the_mean_the_deviation_and_the_root_mean_square_step() -> None:
     scale = LatentScale(2)
     z = torch.tensor([[0.0, 0.0], [2.0, 4.0]])
