@@ -28,7 +28,7 @@ from elast_cli.envs.block import (
     BlockParam,
     BlockParamConfig,
 )
-from elast_cli.envs.cable import Cable, CableConfig
+from elast_cli.envs.cable import Cable, CableConfig, CableParam, CableParamConfig
 from elast_cli.envs.planar_arm import PlanarArm, PlanarArmConfig
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
@@ -130,6 +130,14 @@ ENVS: dict[str, EnvSpec] = {
             env_class=Cable,
             config_class=CableConfig,
             about="a cable moved by one end between walls to a given shape",
+            unit="workspace widths",
+        ),
+        EnvSpec(
+            name="cable-param",
+            gym_id="elast/CableParam-v0",
+            env_class=CableParam,
+            config_class=CableParamConfig,
+            about="a cable moved by one end between walls that change with the episode",
             unit="workspace widths",
         ),
     )

@@ -54,6 +54,7 @@ class Block(ElastEnv):
     """
 
     _cell: ClassVar[float] = 0.005  # of the lattice of shortest steps; every length is a multiple
+    _changing_walls: ClassVar[int] = 0  # in a layout
     state_names: ClassVar[tuple[str, ...]] = ("x", "y")
     action_size: ClassVar[int] = 2
     levels: ClassVar[dict[str, Level]] = {
@@ -181,11 +182,10 @@ class Block(ElastEnv):
                 return place
 
     def _arrange(self, layout: Vector) -> None:
-        """Make the walls those of a layout f32 [L]: here they never change and L = 0."""
-        if layout.size:
-            raise ValueError(
-                f"layout of {layout.size} numbers: the walls of this world never change"
-            )
+        """Add the walls of a layout f32 [L] to those of the configuration."""
+        if not np.array_equal(layout, self._layout):
+            changing = rects_of(layout, count=self._changing_walls)
+            self._lay((*self.config.walls, *changing), np.array(layout, dtype=np.float32))
 
     def _lay(self, walls: tuple[Rect, ...], layout: Vector) -> None:
         """Take these walls, which `layout` stands for: their picture, and what the centre meets."""
@@ -325,6 +325,7 @@ class BlockParam(Block):
     """
 
     _cell: ClassVar[float] = 0.01
+    _changing_walls: ClassVar[int] = 4
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 44, 16, 40, "through the gaps of two walls, up or down"),
     }
@@ -365,11 +366,6 @@ class BlockParam(Block):
     def _draw_goal(self, level: str, rng: np.random.Generator) -> tuple[Vector, Rect]:
         self.set_state(self.state, self.sample_layout(rng))
         return super()._draw_goal(level, rng)
-
-    def _arrange(self, layout: Vector) -> None:
-        if not np.array_equal(layout, self._layout):
-            walls = (*self._param.walls, *rects_of(layout, count=4))
-            self._lay(walls, np.array(layout, dtype=np.float32))
 
 
 def _crosses(start: Vector, end: Vector, rect: Rect) -> bool:

@@ -4,12 +4,12 @@ The world is the unit square, x to the right and y up. The cable is a chain of r
 pymunk, joined by rotary springs that have some friction; it lies on a surface that brakes it so
 strongly that nothing goes on moving by itself. An action is the velocity of one end, the head, in
 units of `displacement`; the head is pulled there by a limited force, so that walls stop it. The
-cable may lie across itself. A member of the family is a set of rectangles: data.
+cable may lie across itself. A member of the family is a set of rectangles: data; in CableParam it
+changes with the episode.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -29,6 +29,7 @@ from elast_cli.envs.base import (
     Vector,
     empty_layout,
 )
+from elast_cli.envs.layouts import layout_of, rects_of
 from elast_cli.envs.shortest import Rect
 
 SEGMENTS = 16
@@ -70,6 +71,7 @@ class Cable(ElastEnv):
     after some random motion of its own.
     """
 
+    _changing_walls: ClassVar[int] = 0  # in a layout
     state_names: ClassVar[tuple[str, ...]] = tuple(
         f"{axis}{node}" for node in range(SEGMENTS + 1) for axis in "xy"
     )
@@ -87,7 +89,8 @@ class Cable(ElastEnv):
         self._part = self.config.length / SEGMENTS
         line = np.linspace(0.5, 0.5 - self.config.length, SEGMENTS + 1)
         middle = np.stack([np.full_like(line, 0.5), line], axis=1)
-        self.set_state(middle.astype(np.float32).ravel(), empty_layout())
+        self._lay(self.config.walls, empty_layout())
+        self.set_state(middle.astype(np.float32).ravel(), self._layout)
 
     @property
     def success_radius(self) -> float:
@@ -101,14 +104,11 @@ class Cable(ElastEnv):
         return nodes
 
     def set_state(self, state: Vector, layout: Vector) -> None:
-        """Lay the cable at rest along the nodes `state` f32 [34]; `layout` is empty (L = 0).
+        """Lay the cable at rest along the nodes `state` f32 [34] among the walls of `layout`.
 
         Segments keep their length: nodes closer or farther than that move, by as little as needed.
         """
-        if layout.size:
-            raise ValueError(
-                f"layout of {layout.size} numbers: the walls of this world never change"
-            )
+        self._arrange(layout)
         given = np.asarray(state, dtype=np.float64).reshape(SEGMENTS + 1, 2)
         between = np.diff(given, axis=0)
         angles = np.unwrap(np.arctan2(between[:, 1], between[:, 0]))
@@ -159,7 +159,12 @@ class Cable(ElastEnv):
         return float(np.hypot(between[:, 0], between[:, 1]).mean())
 
     def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
-        """A smooth random shape at a random place, touching nothing, and the empty layout.
+        """A smooth random shape at a random place, touching nothing, and the layout f32 [L]."""
+        self._draw_walls(rng)
+        return self._free_shape(rng), self._layout.copy()
+
+    def _free_shape(self, rng: np.random.Generator) -> Vector:
+        """Nodes f32 [34] of a smooth shape among the present walls, touching nothing.
 
         Bends are a constant and three cosines along the cable, with fading random weights.
         """
@@ -173,22 +178,24 @@ class Cable(ElastEnv):
             )
             nodes = _laid(angles, self._part) + rng.uniform(0, 1, 2)
             if self.clearance(nodes) >= margin:
-                return nodes.astype(np.float32).ravel(), empty_layout()
+                shape: Vector = nodes.astype(np.float32).ravel()
+                return shape
 
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
         """Start and goal drawn independently, again if they are less than `apart` apart."""
         rules = self.level(level)
+        self._draw_walls(rng)
         while True:
             start, goal = self._settled(rng), self._settled(rng)
             if self.distance(start, goal) >= self.config.apart:
-                return Scenario(start, goal, rules.name, index, seed)
+                return Scenario(start, goal, rules.name, index, seed, self._layout.copy())
 
     def clearance(self, nodes: NDArray[np.floating]) -> float:
         """Distance of the nodes [N, 2] from the nearest wall or border; negative inside one."""
         gaps = [nodes.min(), 1 - nodes.max()]
-        for a, b, c, d in self.config.walls:
+        for a, b, c, d in self._walls:
             aside = np.stack([a - nodes[:, 0], nodes[:, 0] - c, b - nodes[:, 1], nodes[:, 1] - d])
             x, y = aside[:2].max(0), aside[2:].max(0)
             outside = np.hypot(np.maximum(x, 0), np.maximum(y, 0))
@@ -196,16 +203,30 @@ class Cable(ElastEnv):
         return float(min(gaps))
 
     def _settled(self, rng: np.random.Generator) -> Vector:
-        """A state that random motion leaves, at rest."""
-        self.set_state(*self.sample_start(rng))
+        """A state that random motion leaves, at rest among the present walls."""
+        self.set_state(self._free_shape(rng), self._layout)
         policy = RandomPolicy(self.action_size, _SHAPING)
         policy.reset(rng)
         for _ in range(self.config.shaping_steps):
             self.advance(policy.act(rng))
         for _ in range(3):
             self.advance(np.zeros(2, dtype=np.float32))
-        self.set_state(self.state, empty_layout())
+        self.set_state(self.state, self._layout)
         return self.state
+
+    def _draw_walls(self, rng: np.random.Generator) -> None:
+        """Choose the walls of a new episode: here they never change."""
+
+    def _arrange(self, layout: Vector) -> None:
+        """Add the walls of a layout f32 [L] to those of the configuration."""
+        if not np.array_equal(layout, self._layout):
+            changing = rects_of(layout, count=self._changing_walls)
+            self._lay((*self.config.walls, *changing), np.array(layout, dtype=np.float32))
+
+    def _lay(self, walls: tuple[Rect, ...], layout: Vector) -> None:
+        """Take these walls, which `layout` stands for."""
+        self._walls, self._layout = walls, layout
+        self._background = picture.empty(walls)
 
     def _segment(self, x: float, y: float, angle: float) -> pymunk.Body:
         half = self._part / 2
@@ -242,13 +263,60 @@ class Cable(ElastEnv):
 
     def _obstacles(self, body: pymunk.Body) -> list[pymunk.Poly]:
         """Walls, and a border round the workspace thicker than any step."""
-        rects = [*self.config.walls, (-1, -1, 0, 2), (1, -1, 2, 2), (-1, -1, 2, 0), (-1, 1, 2, 2)]
+        rects = [*self._walls, (-1, -1, 0, 2), (1, -1, 2, 2), (-1, -1, 2, 0), (-1, 1, 2, 2)]
         return [pymunk.Poly(body, [(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in rects]
 
-    @cached_property
-    def _background(self) -> NDArray[np.float64]:
-        """The empty world, f64 [64, 64, 3]."""
-        return picture.empty(self.config.walls)
+
+class CableParamConfig(CableConfig):
+    """The same for walls that change with the episode. The defaults are CableParam.
+
+    `walls` stand in every layout.
+    """
+
+    walls: tuple[Rect, ...] = ()
+    thickness: tuple[float, float] = Field((0.04, 0.06), description="least and greatest, of walls")
+    reach: tuple[float, float] = Field((0.45, 0.65), description="least and greatest length")
+    lane: float = Field(0.24, gt=0, description="least width of the three lanes between walls")
+
+
+class CableParam(Cable):
+    """CableParam: the cable round two walls that are drawn anew (Sec. 5.1). State: as for Cable.
+
+    Layout: the rectangles of both walls, f32 [8]. Each comes from below or from above.
+    """
+
+    _changing_walls: ClassVar[int] = 2
+
+    def __init__(
+        self, config: CableParamConfig | None = None, *, render_mode: str | None = None
+    ) -> None:
+        """Build the world of a configuration, with the same layout every time."""
+        config = config or CableParamConfig()
+        self._param = config
+        super().__init__(config, render_mode=render_mode)
+        self.set_state(*self.sample_start(np.random.default_rng(0)))
+
+    @property
+    def context(self) -> Frame:
+        """The walls without the cable, u8 [64, 64, 3]."""
+        return np.round(self._background).astype(np.uint8)
+
+    def sample_layout(self, rng: np.random.Generator) -> Vector:
+        """Two walls f32 [8], the left one first: what the lanes can spare is shared at random."""
+        param = self._param
+        widths = rng.uniform(*param.thickness, 2)
+        spare = 1 - widths.sum() - 3 * param.lane
+        shares = np.sort(rng.uniform(0, spare, 2))
+        lefts = (param.lane + shares[0], 2 * param.lane + widths[0] + shares[1])
+        rects: list[Rect] = []
+        for left, width in zip(lefts, widths, strict=True):
+            reach = rng.uniform(*param.reach)
+            low, high = (0.0, reach) if rng.random() < 0.5 else (1 - reach, 1.0)
+            rects.append((left, low, left + width, high))
+        return layout_of(rects)
+
+    def _draw_walls(self, rng: np.random.Generator) -> None:
+        self.set_state(self.state, self.sample_layout(rng))
 
 
 def _laid(angles: NDArray[np.float64], part: float) -> NDArray[np.float64]:

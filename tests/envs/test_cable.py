@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import Scenario, scenarios
+from elast_cli.envs import Scenario, make, scenarios
 from elast_cli.envs.base import empty_layout
 from elast_cli.envs.cable import SEGMENTS, Cable
 
@@ -39,7 +39,7 @@ def crosses(env: Cable, start: np.ndarray, end: np.ndarray, margin: float = 0.0)
         bool(
             ((places > (a - margin, b - margin)) & (places < (c + margin, d + margin))).all(1).any()
         )
-        for a, b, c, d in env.config.walls
+        for a, b, c, d in env._walls
     )
 
 
@@ -48,7 +48,7 @@ def route(env: Cable, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
     room = env.config.radius + 0.01
     corners = [
         np.array([x, y])
-        for a, b, c, d in env.config.walls
+        for a, b, c, d in env._walls
         for x in (a - room, c + room)
         for y in (b - room, d + room)
         if room < y < 1 - room
@@ -95,6 +95,7 @@ def guided(env: Cable, scenario: Scenario, *, limit: int, tries: int) -> Attempt
     best four attempts are varied at random, ten times as often.
     """
     rng = np.random.default_rng(scenario.index)
+    env.set_state(scenario.start, scenario.layout)  # its walls: `route` goes round them
     shape = scenario.goal.reshape(-1, 2).astype(float)
     best: list[Attempt] = []
     for attempt in range(11 * tries):
@@ -150,11 +151,13 @@ def varied(
     return gaps[last], list(changed[: last + 1])
 
 
+@pytest.mark.parametrize("name", ["cable", "cable-param"])
 @settings(max_examples=15, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_walls_are_never_crossed_and_segments_keep_together(seed: int) -> None:
+@given(seed=st.integers(0, 2**32 - 1))
+def test_walls_are_never_crossed_and_segments_keep_together(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    env = Cable()
+    env = make(name)
+    assert isinstance(env, Cable)
     env.set_state(*env.sample_start(rng))
     part = env.config.length / SEGMENTS
     for _ in range(15):
@@ -274,9 +277,11 @@ def test_starts_touch_nothing_and_lie_everywhere() -> None:
     assert thirds.min() > 0.15
 
 
-def test_start_and_goal_are_independent_and_many_ways_lead_round_a_wall() -> None:
-    env = Cable()
-    drawn = scenarios("cable", "standard", seed=0, count=80, domain="scenario-val")
+@pytest.mark.parametrize("name", ["cable", "cable-param"])
+def test_start_and_goal_are_independent_and_many_ways_lead_round_a_wall(name: str) -> None:
+    env = make(name)
+    assert isinstance(env, Cable)
+    drawn = scenarios(name, "standard", seed=0, count=80, domain="scenario-val")
     apart = [env.distance(scenario.start, scenario.goal) for scenario in drawn]
     assert min(apart) >= env.config.apart
     assert np.median(apart) > 0.35
@@ -285,10 +290,11 @@ def test_start_and_goal_are_independent_and_many_ways_lead_round_a_wall() -> Non
         for end in ("start", "goal")
     )
     assert abs(np.corrcoef(starts[:, 0], goals[:, 0])[0, 1]) < 0.3
-    blocked = [
-        any(crosses(env, *ends) for ends in zip(*nodes(scenario), strict=True))
-        for scenario in drawn
-    ]
+    blocked = []
+    for scenario in drawn:
+        env.set_state(scenario.start, scenario.layout)
+        straight_ways = zip(*nodes(scenario), strict=True)
+        blocked.append(any(crosses(env, *ends) for ends in straight_ways))
     assert np.mean(blocked) > 0.35
 
 
@@ -297,11 +303,13 @@ def nodes(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return scenario.start.reshape(-1, 2), scenario.goal.reshape(-1, 2)
 
 
-def test_a_hand_with_full_knowledge_reaches_the_goals_within_the_budget() -> None:
-    env = Cable()
+@pytest.mark.parametrize("name", ["cable", "cable-param"])
+def test_a_hand_with_full_knowledge_reaches_the_goals_within_the_budget(name: str) -> None:
+    env = make(name)
+    assert isinstance(env, Cable)
     limit = env.level("standard").max_steps
     gaps = [
         guided(env, scenario, limit=limit, tries=60)[0]
-        for scenario in scenarios("cable", "standard", seed=0, count=10, domain="scenario-val")
+        for scenario in scenarios(name, "standard", seed=0, count=10, domain="scenario-val")
     ]
     assert np.mean(np.array(gaps) <= env.success_radius) >= 0.9
