@@ -32,7 +32,7 @@ Written by `make bench`: one plan of {bench.sizes.expansions:,} expansions for o
 scenario, by cProfile, by own time. A compiled kernel is no Python function: its time is its
 caller's. Profiling itself makes Python calls look dearer than they are.
 
-{"".join(shown)}"""
+{chr(10).join(shown)}"""
 
 
 def _top(profile: cProfile.Profile) -> str:
