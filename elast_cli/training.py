@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pydantic import model_validator
 from torch import Tensor, nn
 
+from elast_cli.batches import Lookalikes, Starts
 from elast_cli.config import StrictModel
 from elast_cli.dataset import Dataset
 from elast_cli.errors import DataError
@@ -28,7 +30,6 @@ from elast_cli.seeding import derived_seed, generator
 from elast_cli.shapes import FRAMES, Bool, Int64
 
 VALIDATION_ROWS = 2048
-WINDOWS_PER_CONTEXT = 16  # in a batch of the encoder: what is contrasted with one another
 STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
 
@@ -38,6 +39,12 @@ class EncoderStage(StrictModel):
     net: EncoderConfig = EncoderConfig()
     cpc: CpcConfig = CpcConfig()
     fit: FitConfig = FitConfig(steps=8000, batch_size=256)
+
+    @model_validator(mode="after")
+    def _resumable(self) -> EncoderStage:
+        if self.cpc.lookalikes > 1 and self.fit.save_every % self.cpc.refresh:
+            raise ValueError("fit.save_every must be a multiple of cpc.refresh, to be resumable")
+        return self
 
 
 class EnsembleStage(StrictModel):
@@ -123,25 +130,6 @@ class FrameWindows:
         return self.stacks(steps, still), actions, self.contexts(rows)
 
 
-class Starts:
-    """Rows at which windows may start; batches of them."""
-
-    def __init__(self, rows: Int64, episode: Int64, *, grouped: bool) -> None:
-        """Take rows [M] and the episode of each; `grouped`: only few episodes in a batch."""
-        self.rows, self.grouped = rows, grouped
-        self.groups = np.split(rows, np.flatnonzero(np.diff(episode)) + 1)
-
-    def batch(self, rng: np.random.Generator, size: int) -> Int64:
-        """Rows [size], uniform with replacement; if grouped, several different ones an episode."""
-        if not self.grouped:
-            return self.rows[rng.integers(len(self.rows), size=size)]
-        chosen = rng.integers(len(self.groups), size=max(1, size // WINDOWS_PER_CONTEXT))
-        return np.concatenate([self._some(self.groups[group], rng) for group in chosen])
-
-    def _some(self, rows: Int64, rng: np.random.Generator) -> Int64:
-        return rng.choice(rows, min(WINDOWS_PER_CONTEXT, len(rows)), replace=False)
-
-
 def train_encoder(
     dataset: Dataset, context: Tensor, stage: EncoderStage, setting: Setting
 ) -> Trained:
@@ -172,7 +160,16 @@ def train_encoder(
     sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
-    batches = Starts(starts, windows.episode[starts], grouped=context.shape[1] > 0)
+    batches: Starts | Lookalikes = Starts(
+        starts, windows.episode[starts], grouped=context.shape[1] > 0
+    )
+    if stage.cpc.lookalikes > 1 and not context.shape[1]:
+        batches = Lookalikes(
+            starts,
+            lambda rows: _latents(model, windows, rows + horizon).cpu().numpy(),
+            group=stage.cpc.lookalikes,
+            refresh=stage.cpc.refresh,
+        )
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         rows = batches.batch(rng, stage.fit.batch_size)
@@ -282,19 +279,25 @@ def encode(
     features = model.encoder.preprocess(torch.from_numpy(dataset.pixels)).to(device)
     windows = FrameWindows(dataset, features, context.to(device))
     rows = np.arange(len(dataset.pixels))
-    parts = [
-        model.encoder(windows.stacks(part), windows.contexts(part))
-        for part in np.array_split(rows, max(1, len(rows) // 1024))
-    ]
     train, val = dataset.split(setting.validation_share, setting.seed)
     return LatentData(
-        z=torch.cat(parts),
+        z=_latents(model, windows, rows),
         action=windows.actions,
         context=windows.contexts(rows),
         state=torch.from_numpy(dataset.state).to(device),
         train=torch.from_numpy(dataset.starts(train, 1)).to(device),
         val=torch.from_numpy(dataset.starts(val, 1)).to(device),
     )
+
+
+@torch.no_grad()
+def _latents(model: Representation, windows: FrameWindows, rows: Int64) -> Tensor:
+    """Latents [M,Z] of the states at `rows` [M]."""
+    parts = [
+        model.encoder(windows.stacks(part), windows.contexts(part))
+        for part in np.array_split(rows, max(1, len(rows) // 1024))
+    ]
+    return torch.cat(parts)
 
 
 def _fit_on_latents(

@@ -11,8 +11,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "elast_cli"
 FLOORS = {
-    0: "cells config dataset dataset_file errors hdf5_safety manifest progress publish seeding "
-    "shapes statistics store",
+    0: "batches cells config dataset dataset_file errors hdf5_safety manifest progress publish "
+    "seeding shapes statistics store",
     1: "envs models planners",
     2: "comparison context_training control fit plan_plot plots probe projection report "
     "requirements training",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from elast_cli.batches import WINDOWS_PER_CONTEXT, Starts
 from elast_cli.dataset import Dataset, stack_rows
 from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig
@@ -20,7 +21,6 @@ from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.progress import Silent
 from elast_cli.training import (
-    WINDOWS_PER_CONTEXT,
     DensityStage,
     EncoderStage,
     EnsembleStage,
@@ -28,7 +28,6 @@ from elast_cli.training import (
     LatentData,
     PolicyStage,
     Setting,
-    Starts,
     Trained,
     encode,
     train_density,

@@ -20,6 +20,10 @@ class CpcConfig(StrictModel):
 
     `negatives` are the last states of the batch's other windows, or all states of all windows. The
     latter differ from the positive by few steps, so that telling them apart asks for fine detail.
+
+    With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
+    close together in latent space, searched for anew every `refresh` steps; not where contexts
+    differ, which group a batch already.
     """
 
     horizon: int = Field(default=3, ge=1, le=20)
@@ -27,6 +31,8 @@ class CpcConfig(StrictModel):
     dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     still_share: float = Field(default=0.5, ge=0, le=1)
     negatives: Literal["last", "window"] = "last"
+    lookalikes: int = Field(default=1, ge=1, le=1024)
+    refresh: int = Field(default=250, ge=1)
 
 
 def info_nce(prediction: Tensor, future: Tensor, context: Tensor | None = None) -> Tensor:

@@ -1,0 +1,75 @@
+"""Which windows of the data make a batch for φ: random ones, of few contexts, or lookalikes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from elast_cli.shapes import Float32, Int64
+
+WINDOWS_PER_CONTEXT = 16  # in a batch of the encoder: what is contrasted with one another
+POOL = 20_000  # windows that are encoded at each search
+
+
+class Starts:
+    """Rows at which windows may start; batches of them."""
+
+    def __init__(self, rows: Int64, episode: Int64, *, grouped: bool) -> None:
+        """Take rows [M] and the episode of each; `grouped`: only few episodes in a batch."""
+        self.rows, self.grouped = rows, grouped
+        self.groups = np.split(rows, np.flatnonzero(np.diff(episode)) + 1)
+
+    def batch(self, rng: np.random.Generator, size: int) -> Int64:
+        """Rows [size], uniform with replacement; if grouped, several different ones an episode."""
+        if not self.grouped:
+            return self.rows[rng.integers(len(self.rows), size=size)]
+        chosen = rng.integers(len(self.groups), size=max(1, size // WINDOWS_PER_CONTEXT))
+        return np.concatenate([self._some(self.groups[group], rng) for group in chosen])
+
+    def _some(self, rows: Int64, rng: np.random.Generator) -> Int64:
+        return rng.choice(rows, min(WINDOWS_PER_CONTEXT, len(rows)), replace=False)
+
+
+class Lookalikes:
+    """Groups of windows that end in states which φ, as far as it has come, hardly tells apart.
+
+    Where all windows of a batch are drawn at random, telling them apart asks for little: where a
+    cable's head is says which of 256 cables it is, and φ learns little about the rest of it.
+    Lookalikes are negatives that ask for just what φ still confuses.
+
+    The groups are searched for anew every `refresh` batches.
+
+    After a resumption the search comes with the first batch: a run that was interrupted at a
+    multiple of `refresh` draws the same batches as one that was not.
+    """
+
+    def __init__(
+        self, starts: Int64, encode: Callable[[Int64], Float32], *, group: int, refresh: int
+    ) -> None:
+        """Take windows' first rows [M] and φ on the windows that start there: [P] -> [P,Z]."""
+        self.starts, self.encode = starts, encode
+        self.group, self.refresh = group, refresh
+        self.drawn = 0
+        self.groups: Int64 = np.empty((0, group), np.int64)
+
+    def batch(self, rng: np.random.Generator, size: int) -> Int64:
+        """Rows [size], in groups as far as whole groups fit; the rest is drawn at random."""
+        if self.drawn % self.refresh == 0:
+            self.groups = self._search(rng, self.refresh * size // self.group)
+        self.drawn += 1
+        chosen = self.groups[rng.integers(len(self.groups), size=size // self.group)].ravel()
+        rest = self.starts[rng.integers(len(self.starts), size=size - len(chosen))]
+        return np.concatenate([chosen, rest])
+
+    def _search(self, rng: np.random.Generator, groups: int) -> Int64:
+        """At most `groups` groups [G,group] of those nearest to each other in a random pool."""
+        from scipy.spatial import cKDTree  # slow to import: only where it is used
+
+        size = min(POOL, len(self.starts))
+        pool = rng.choice(self.starts, size, replace=False)
+        z = self.encode(pool)
+        anchors = rng.choice(size, max(1, min(groups, size)), replace=False)
+        _, near = cKDTree(z).query(z[anchors], k=min(self.group, size))
+        found: Int64 = pool[near.reshape(len(anchors), -1)]
+        return found
