@@ -38,6 +38,7 @@ class Models:
     policy: LocalPolicy
 
 
+LONGEST_QUANTILE = 0.99  # of the lengths of observed steps: the very longest are outliers
 Build = Callable[["Models", "Preset", str, int], "Controller[Any]"]
 
 
@@ -136,6 +137,7 @@ def radii(models: Models, config: TreeConfig) -> Radii:
         crowding=crowding,
         failure=config.failure_steps * median,
         duplicate=config.duplicate_steps * median,
+        longest=models.encoder.step_length(LONGEST_QUANTILE),
     )
 
 
@@ -211,6 +213,7 @@ variant(
     momentum=0.0,
     duplicate_steps=0.0,
     connect_candidates=1_000_000,
+    prune=False,
     reuse=False,
     failure_steps=0.0,
     control={"patience": 0},

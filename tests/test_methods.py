@@ -50,6 +50,7 @@ NO_ENSEMBLE = {"use_ensemble": False, "variance_quantile": None}
 LITERAL = {
     "batch_min": 1,
     "batch_max": 1,
+    "prune": False,
     "sparse_exponent": 1.0,
     "crowding": "reachable",
     "crowding_steps": None,

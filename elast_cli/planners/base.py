@@ -134,6 +134,7 @@ class Radii:
         crowding: within which nodes count as crowding each other; at most `neighbor`.
         failure: an edge whose ends both lie this near to those of a failed transition is refused.
         duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
+        longest: what a step covers at most, for lower bounds of a path's cost.
     """
 
     neighbor: float
@@ -141,3 +142,4 @@ class Radii:
     crowding: float = np.inf
     failure: float = 0.0
     duplicate: float = 0.0
+    longest: float = np.inf

@@ -28,6 +28,10 @@ class TreeConfig(StrictModel):
     `time_budget` in seconds stops all trees; which plan it leaves depends on the machine. With
     `reuse`, replanning starts from the tree of the plan before, and spends `replan_expansions`
     where that still reaches the goal.
+
+    π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
+    towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
+    chosen for being sparse, and a tree without any others stops.
     """
 
     expansions: int = Field(default=12_000, ge=1)
@@ -46,6 +50,9 @@ class TreeConfig(StrictModel):
     edge_actions: float = Field(default=0.5, ge=0, le=1)
     momentum: float = Field(default=0.5, ge=0, le=1)
     momentum_noise: float = Field(default=0.3, ge=0)
+    steer_goal: float = Field(default=0.0, ge=0, le=1)
+    steer_sparse: float = Field(default=0.0, ge=0, le=1)
+    prune: bool = True
     rewire: bool = True
     connect_candidates: int = Field(default=3, ge=1)
     use_ensemble: bool = True
@@ -63,6 +70,8 @@ class TreeConfig(StrictModel):
     def _shares_and_batches(self) -> TreeConfig:
         if self.p_uniform + self.p_sparse > 1 + 1e-9:
             raise ValueError("p_uniform + p_sparse must not exceed 1; the rest is p_goal")
+        if self.steer_goal + self.steer_sparse > 1 + 1e-9:
+            raise ValueError("steer_goal + steer_sparse must not exceed 1")
         if self.batch_min > self.batch_max:
             raise ValueError("batch_min must not exceed batch_max")
         return self
@@ -129,14 +138,15 @@ class Search:
         )
         self.sums = sampling.no_weights(scenarios, nodes)
         self._admit(np.zeros(scenarios, np.int64))
-        sampling.weigh(self.sums, self.forest.crowding, self.forest.size, config.sparse_exponent)
+        self.weights = sampling.weight_table(config.sparse_exponent)
+        sampling.weigh(self.sums, self.forest.crowding, self.weights, self.forest.size)
         self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
 
     def _draw(self, scenarios: int) -> Float64:
-        """All random numbers of a plan [B,n,4+A], each row from its own generator."""
-        shape = (self.config.expansions, 4 + self.world.action_size)
+        """All random numbers of a plan [B,n,6+A], each row from its own generator."""
+        shape = (self.config.expansions, tree.DIRECTION + self.world.action_size)
         seeds = self.query.seed
         return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
@@ -186,7 +196,8 @@ class Search:
         began = time.monotonic()
         forest = self.forest
         while time.monotonic() - began < seconds:
-            rows = np.flatnonzero((forest.size < forest.capacity) & (self.done < self.budget))
+            open_ended = (forest.size < forest.capacity) & (self.sums[:, 1] > 0)
+            rows = np.flatnonzero(open_ended & (self.done < self.budget))
             if not len(rows):
                 break
             self.expand(rows)
@@ -222,12 +233,29 @@ class Search:
             config.momentum_noise,
         )
         row = np.repeat(rows, parent.shape[1])
+        if config.steer_goal + config.steer_sparse > 0:
+            self._steer(z, action.reshape(len(row), -1), row, draws.reshape(len(row), -1))
         z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
         self.tally.transitions[rows] += parent.shape[1] * self.world.members
         alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
         alive &= ~self._failed(z, z_new, row)
         shape = parent.shape
         return Batch(rows, parent, action, z_new.reshape(*shape, -1), alive.reshape(shape))
+
+    def _steer(self, z: Float32, action: Float32, row: Int64, draws: Float64) -> None:
+        """Let π choose some of the actions [M,A] at nodes z [M,Z], from draws [M,6+A]."""
+        config, forest, reach = self.config, self.forest, self.radii.neighbor
+        chance = draws[:, 4]
+        steered = chance < config.steer_goal + config.steer_sparse
+        target = forest.goal[row[steered]]
+        for m in np.flatnonzero(chance[steered] >= config.steer_goal):
+            b, where = row[steered][m], draws[steered, 5][m]
+            target[m] = forest.latent[b, sampling.draw(self.sums[b], where)]
+        here = z[steered]
+        step = target - here
+        step *= np.minimum(1, reach / np.maximum(tree.lengths(step), 1e-9))[:, None]
+        action[steered] = self.world.act(here, here + step, row[steered])
+        self.tally.policy += np.bincount(row[steered], minlength=len(self.tally.policy))
 
     def _test(self, batch: Batch) -> None:
         """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
@@ -271,16 +299,19 @@ class Search:
         self._admit(before)
         edges, gap = tree.edges_around(pairs, gaps, new)
         likely: Bool | None = None
-        near = gap <= self.radii.crowding**2
+        counts = self.sums, forest.crowding, self.weights
+        counted = edges, gap
         if config.crowding == "reachable" and self.limits.min_log_density > -np.inf:
             likely = self._likely(*edges)
-            near &= likely
-        self._crowd(edges[0, near], edges[1, near])
+            counted = edges[:, likely], gap[likely]
+        sampling.crowd_along(*counts, *counted, self.radii.crowding**2)
         if config.count_rejections:
-            r, k = np.nonzero(~batch.alive)
-            self._crowd(batch.rows[r].astype(np.int32), batch.parent[r, k])
+            sampling.crowd_rejected(*counts, batch.rows, batch.alive, batch.parent)
         if config.rewire:
             self._offer(edges, gap, likely)
+        if config.prune:
+            goal, longest = self.radii.goal, self.radii.longest
+            tree.prune(forest, batch.rows, self.sums, self.weights, goal, longest)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
         """Pairs (row, k, node) [3,P] of live candidates and nodes within r_neigh; squared gaps."""
@@ -303,10 +334,6 @@ class Search:
         """Let the nodes added since sizes were `before` [B] be found and drawn."""
         cells.add(self.cells, self.forest.latent, before, self.forest.size)
         sampling.admit(self.sums, before, self.forest.size)
-
-    def _crowd(self, row: Int32, node: Int32) -> None:
-        exponent = self.config.sparse_exponent
-        sampling.crowd(self.sums, self.forest.crowding, row, node, exponent)
 
     def _offer(self, edges: Int32, gap: Float32, likely: Bool | None) -> None:
         """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first.

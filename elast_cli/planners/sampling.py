@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from elast_cli.shapes import Float64, Int32, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 
 def no_weights(rows: int, nodes: int) -> Float64:
@@ -76,25 +76,47 @@ def admit(sums: Float64, first: Int64, last: Int64) -> None:
             set_weight(sums[b], i, 1.0)
 
 
+def weight_table(exponent: float) -> Float64:
+    """Weights [C] of nodes that 0, 1, ... others crowd: (1 + crowding)^-exponent (Sec. 4.3).
+
+    Whatever is more crowded than the table is long weighs as its last entry.
+    """
+    weights: Float64 = np.power(np.arange(1.0, 1 + (1 << 12)), -exponent)
+    return weights
+
+
 @njit(cache=True, nogil=True)
-def crowd(
-    sums: Float64,
-    crowding: Int32,
-    row: Int64 | Int32,
-    node: Int32,
-    exponent: float,
+def _crowd_one(sums: Float64, crowding: Int32, weights: Float64, b: int, i: int) -> None:
+    crowding[b, i] += 1
+    if sums[b, sums.shape[1] // 2 + i] > 0:  # a node without weight keeps none
+        set_weight(sums[b], i, weights[min(crowding[b, i], len(weights) - 1)])
+
+
+@njit(cache=True, nogil=True)
+def crowd_along(
+    sums: Float64, crowding: Int32, weights: Float64, edges: Int32, gap: Float32, limit: float
 ) -> None:
-    """Count one more at each of the nodes (row, node) [M]; they weigh (1 + crowding)^-exponent."""
-    for m in range(len(row)):
-        b, i = row[m], node[m]
-        crowding[b, i] += 1
-        set_weight(sums[b], i, (1.0 + crowding[b, i]) ** -exponent)
+    """Count one more at the source of each (row, source, target) [3,P] with a gap [P] ≤ limit."""
+    for e in range(len(gap)):
+        if gap[e] <= limit:
+            _crowd_one(sums, crowding, weights, edges[0, e], edges[1, e])
 
 
 @njit(cache=True, nogil=True)
-def weigh(sums: Float64, crowding: Int32, size: Int64, exponent: float) -> None:
+def crowd_rejected(
+    sums: Float64, crowding: Int32, weights: Float64, rows: Int64, alive: Bool, parent: Int32
+) -> None:
+    """Count one more at the parents [R,K] of the candidates that are not alive [R,K]."""
+    for r in range(len(rows)):
+        for k in range(parent.shape[1]):
+            if not alive[r, k]:
+                _crowd_one(sums, crowding, weights, rows[r], parent[r, k])
+
+
+@njit(cache=True, nogil=True)
+def weigh(sums: Float64, crowding: Int32, weights: Float64, size: Int64) -> None:
     """Give the first size[b] nodes of each row the weights of their crowding."""
     for b in range(len(size)):
         for i in range(size[b]):
             if crowding[b, i]:
-                set_weight(sums[b], i, (1.0 + crowding[b, i]) ** -exponent)
+                set_weight(sums[b], i, weights[min(crowding[b, i], len(weights) - 1)])

@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from elast_cli.planners.sampling import set_weight
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 NONE = -1
+DIRECTION = 6  # where in a candidate's random numbers those of its direction begin
 
 
 class Forest(NamedTuple):
@@ -30,6 +32,7 @@ class Forest(NamedTuple):
         offer: scratch of `pick` [B,N], -1 outside of it.
         size: number of nodes [B].
         goal: [B,Z].
+        to_goal: distance of each node to it [B,N].
         nearest: node nearest to the goal [B], and its distance [B].
     """
 
@@ -45,6 +48,7 @@ class Forest(NamedTuple):
     offer: Int32
     size: Int64
     goal: Float32
+    to_goal: Float32
     nearest: Int64
     nearest_distance: Float32
 
@@ -73,11 +77,13 @@ def plant(
         offer=links[4],
         size=np.ones(b, np.int64),
         goal=np.ascontiguousarray(goal),
+        to_goal=np.full((b, nodes), np.inf, np.float32),
         nearest=np.zeros(b, np.int64),
         nearest_distance=np.linalg.norm(start - goal, axis=1).astype(np.float32),
     )
     forest.latent[:, 0] = start
     forest.feature[:, 0] = feature
+    forest.to_goal[:, 0] = forest.nearest_distance
     return forest
 
 
@@ -99,7 +105,7 @@ def propose(
         forest: the trees.
         rows: which of them [R].
         parent: nodes to expand [R,K].
-        draws: [R,K,4+A] in [0, 1): ..., edge?, keep?, direction.
+        draws: [R,K,6+A] in [0, 1): ..., edge?, keep?, ..., direction.
         edge_actions: share of actions scaled to the edge.
         momentum: share of directions kept.
         momentum_noise: how much of the uniform action is added to a kept one.
@@ -115,7 +121,7 @@ def propose(
             z[r * parent.shape[1] + k] = forest.latent[rows[r], node]
             reach, moved = np.float32(1e-6), False
             for d in range(size):
-                new[d] = np.float32(2 * draws[r, k, 4 + d] - 1)
+                new[d] = np.float32(2 * draws[r, k, DIRECTION + d] - 1)
                 reach = max(reach, abs(new[d]))
                 moved |= own[d] != 0
             if draws[r, k, 2] < edge_actions:
@@ -163,14 +169,15 @@ def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _note_nearest(forest: Forest, b: int, i: int) -> None:
-    """Remember node i if none is nearer to the goal."""
+def _note_goal(forest: Forest, b: int, i: int) -> None:
+    """Note how far node i is from the goal, and whether none is nearer."""
     gap = np.float32(0)
     for d in range(forest.goal.shape[1]):
         step = forest.latent[b, i, d] - forest.goal[b, d]
         gap += step * step
-    if np.sqrt(gap) < forest.nearest_distance[b]:
-        forest.nearest_distance[b] = np.sqrt(gap)
+    forest.to_goal[b, i] = np.sqrt(gap)
+    if forest.to_goal[b, i] < forest.nearest_distance[b]:
+        forest.nearest_distance[b] = forest.to_goal[b, i]
         forest.nearest[b] = i
 
 
@@ -180,7 +187,7 @@ def link(forest: Forest, b: int, parent: Int32) -> None:
     for i in range(len(parent)):
         if parent[i] != NONE:
             _attach(forest, b, i, parent[i])
-        _note_nearest(forest, b, i)
+        _note_goal(forest, b, i)
 
 
 @njit(cache=True, nogil=True)
@@ -212,7 +219,7 @@ def insert(
             forest.action[b, i] = action[r, k]
             forest.depth[b, i] = forest.depth[b, parent[r, k]] + 1
             _attach(forest, b, i, parent[r, k])
-            _note_nearest(forest, b, i)
+            _note_goal(forest, b, i)
     return index
 
 
@@ -297,6 +304,39 @@ def rewire(
             forest.action[b, j] = action[e]
             taken += 1
     return taken
+
+
+@njit(cache=True, nogil=True)
+def prune(
+    forest: Forest, rows: Int64, sums: Float64, weights: Float64, radius: float, longest: float
+) -> None:
+    """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
+
+    A path through a node costs its depth and at least as many steps as fit into its distance to
+    the goal's region. Nothing is taken from trees that have not reached it.
+
+    Args:
+        forest: the trees.
+        rows: which of them [R].
+        sums: the weights [B,2L] (see `sampling`).
+        weights: a node's weight by its crowding [C].
+        radius: of the goal's region.
+        longest: length of a step.
+    """
+    leaves = sums.shape[1] // 2
+    for b in rows:
+        if forest.nearest_distance[b] > radius:
+            continue
+        cost = forest.depth[b, forest.nearest[b]]
+        for i in range(forest.size[b]):
+            if forest.to_goal[b, i] <= radius:
+                cost = min(cost, forest.depth[b, i])
+        for i in range(forest.size[b]):
+            ahead = max(np.ceil((forest.to_goal[b, i] - radius) / longest), 1)
+            useful = forest.depth[b, i] + ahead < cost
+            if useful != (sums[b, leaves + i] > 0):
+                crowding = min(forest.crowding[b, i], len(weights) - 1)
+                set_weight(sums[b], i, weights[crowding] if useful else 0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -40,13 +40,20 @@ configs: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
         "count_rejections": st.booleans(),
         "edge_actions": st.floats(0, 1),
         "momentum": st.floats(0, 1),
+        "steer_goal": st.sampled_from([0.0, 0.3]),
+        "steer_sparse": st.sampled_from([0.0, 0.3]),
+        "prune": st.booleans(),
         "rewire": st.booleans(),
         "connect_candidates": st.integers(1, 5),
     }
 ).filter(_shares_fit)
 worlds = st.builds(Box, stream=st.sampled_from([0.0, 0.05, 0.2]), wall=st.booleans())
 radii = st.builds(
-    replace, st.just(RADII), duplicate=st.sampled_from([0.0, 0.03]), crowding=st.floats(0.02, 0.2)
+    replace,
+    st.just(RADII),
+    duplicate=st.sampled_from([0.0, 0.03]),
+    crowding=st.floats(0.02, 0.2),
+    longest=st.sampled_from([REACH, np.inf]),
 )
 law = settings(deadline=None, max_examples=25)
 
@@ -154,8 +161,9 @@ def test_more_budget_never_deepens_a_node(seed: int, less: int, more: int, world
 @given(seeds, worlds, st.sampled_from(["near", "reachable"]))
 def test_rewiring_never_deepens_a_node(seed: int, world: Box, crowding: str) -> None:
     query = problems(2, seed)
-    # momentum would follow the tree
-    same: dict[str, Any] = {"expansions": 500, "momentum": 0.0, "crowding": crowding}
+    # momentum and pruning would follow the tree
+    same: dict[str, Any] = {"expansions": 500, "momentum": 0.0, "prune": False}
+    same["crowding"] = crowding
     plain = grown(query, world, rewire=False, **same)
     rewired = grown(query, world, **same)
     np.testing.assert_array_equal(plain.forest.size, rewired.forest.size)
@@ -184,7 +192,8 @@ def test_rewiring_shortens_paths() -> None:
 @law
 @given(seeds, configs)
 def test_the_budget_bounds_the_tree_and_the_calls(seed: int, config: dict[str, Any]) -> None:
-    search = grown(problems(2, seed), **config)
+    unsteered: dict[str, Any] = {"steer_goal": 0.0, "steer_sparse": 0.0, "prune": False}
+    search = grown(problems(2, seed), **config | unsteered)
     plan, budget = search.best_plan(), config["expansions"]
     assert search.done == budget
     assert (search.forest.size <= budget + 1).all()
@@ -391,3 +400,58 @@ def test_paths_end_where_they_should() -> None:
     path = tree.path_to(search.forest, 0, deepest)
     assert (path[0], path[-1]) == (0, deepest)
     assert search.forest.parent[0, path[1:]].tolist() == path[:-1]
+
+
+# ---- what need not be searched ------------------------------------------------------------------
+
+
+@law
+@given(seeds, configs, worlds, radii)
+def test_only_what_cannot_shorten_the_path_is_pruned(
+    seed: int, config: dict[str, Any], world: Box, radii: Radii
+) -> None:
+    search = grown(problems(2, seed), world, radii=radii, **config | {"prune": True})
+    forest, leaves = search.forest, search.sums.shape[1] // 2
+    for b in range(2):
+        size = forest.size[b]
+        far = np.linalg.norm(forest.latent[b, :size] - forest.goal[b], axis=1)
+        np.testing.assert_allclose(forest.to_goal[b, :size], far, rtol=1e-5)
+        weighted = search.sums[b, leaves : leaves + size] > 0
+        inside = forest.to_goal[b, :size] <= radii.goal
+        if not inside.any():
+            assert weighted.all()
+            continue
+        cost = forest.depth[b, :size][inside].min()
+        ahead = np.maximum(1, np.ceil((forest.to_goal[b, :size] - radii.goal) / radii.longest))
+        np.testing.assert_array_equal(weighted, forest.depth[b, :size] + ahead < cost)
+
+
+def test_a_tree_that_cannot_do_better_stops() -> None:
+    query = problems(2)
+    start = query.goal + np.float32(0.5 * RADII.goal)
+    search = grown(replace(query, start=start), expansions=500)
+    assert search.forest.size.max() < 500
+    assert search.done < 500
+    assert search.best_plan().length.tolist() == [1, 1]
+
+
+def test_the_policy_steers_towards_the_goal() -> None:
+    query = problems(3, seed=4)
+    search = grown(query, expansions=1, batch_min=1, steer_goal=1.0)
+    assert search.tally.policy.tolist() >= [1, 1, 1]
+    action = np.zeros((3, 2), np.float32)
+    search._steer(query.start, action, np.arange(3), search.draws[:, 0])
+    step = query.goal - query.start
+    step *= RADII.neighbor / np.linalg.norm(step, axis=1, keepdims=True)
+    expected = Box().at(query.context).act(query.start, query.start + step, np.arange(3))
+    np.testing.assert_allclose(action, expected, atol=1e-5)
+
+
+def test_the_policy_steers_towards_sparse_nodes() -> None:
+    query = problems(1, seed=4)
+    search = grown(query, expansions=200, steer_goal=0.0, steer_sparse=0.9)
+    root = np.repeat(query.start, 50, 0)
+    action, draws = np.zeros((50, 2), np.float32), np.random.default_rng(0).random((50, 8))
+    search._steer(root, action, np.zeros(50, int), draws)
+    assert len(np.unique(action, axis=0)) > 10  # to many nodes, each within one step's reach
+    assert (np.abs(action) <= 1).all()
