@@ -218,6 +218,8 @@ variant(
     failure_steps=0.0,
     control={"patience": 0},
 )
+variant("elast-serial", of="elast", about="one expansion at a time", batch_min=1, batch_max=1)
+variant("elast-no-reuse", of="elast", about="every plan grows a new tree", reuse=False)
 variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
 variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)
 for _base in ("elast", "elast-psi"):

@@ -65,6 +65,8 @@ LITERAL = {
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "elast-psi": ("elast", {"support_quantile": None, "round_trip_quantile": None}),
     "elast-literal": ("elast-psi", LITERAL),
+    "elast-serial": ("elast", {"batch_min": 1, "batch_max": 1}),
+    "elast-no-reuse": ("elast", {"reuse": False}),
     "elast-no-support": ("elast", {"support_quantile": None}),
     "elast-no-roundtrip": ("elast", {"round_trip_quantile": None}),
 }
