@@ -1,16 +1,15 @@
-"""Datasets of episodes: one file each while they are collected, one file for all after that.
+"""Datasets of episodes: one file a few while they are collected, one file for all after that.
 
-A shard is a dataset of one episode; both have the layout of `dataset_file`.
+A shard is a dataset of consecutive episodes; both have the layout of `dataset_file`.
 """
 
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +23,6 @@ __all__ = [
     "Episode",
     "column_digests",
     "compact",
-    "read_shard",
     "shard_path",
     "stack_rows",
     "write_shard",
@@ -128,67 +126,63 @@ def stack_rows(
     return np.maximum(stacked, first[..., None], dtype=np.int64)
 
 
-def shard_path(folder: Path, index: int) -> Path:
-    """Where episode `index` of a collection goes."""
-    return folder / f"episode-{index:07d}.h5"
+def shard_path(folder: Path, first: int) -> Path:
+    """Where the shard of a collection goes whose first episode is `first`."""
+    return folder / f"episodes-{first:07d}.h5"
 
 
-def write_shard(path: Path, episode: Episode) -> None:
-    """Put one episode on disk, whole or not at all."""
+def write_shard(path: Path, episodes: Sequence[Episode], *, first_row: int = 0) -> None:
+    """Put consecutive episodes on disk, whole or not at all.
+
+    `first_row` is the row of their first one in the dataset; images are then cut into chunks as
+    they are there, and `compact` need not compress them again.
+    """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
         with dataset_file.create_columns(
             temporary,
-            [len(episode.pixels)],
-            _row_shapes(episode),
-            first_episode=episode.seed_index,
+            [len(episode.pixels) for episode in episodes],
+            _row_shapes(episodes[0]),
+            first_episode=episodes[0].seed_index,
+            lead=first_row % dataset_file.CHUNK_ROWS,
         ) as columns:
-            _fill(columns, episode, 0)
+            for name, column in columns.items():
+                end = len(column) - sum(len(episode.pixels) for episode in episodes)
+                for episode in episodes:
+                    start, end = end, end + len(episode.pixels)
+                    column[start:end] = getattr(episode, name)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
     sync_folder(path.parent)
 
 
-def read_shard(path: Path) -> Episode:
-    """The episode in a shard. Raises DataError if it is damaged."""
-    contents = dataset_file.read(path)
-    data = contents.arrays
-    if len(data["ep_len"]) != 1:
-        raise DataError(f"{path}: a shard holds one episode, not {len(data['ep_len'])}")
-    context = data["context"][0] if "context" in data else None
-    return Episode(data["pixels"], data["action"], data["state"], context, contents.first_episode)
-
-
 def compact(
     shards: Sequence[Path], out: Path, *, attrs: dataset_file.Attributes | None = None
 ) -> None:
-    """Write shards 0 .. E-1 end to end into the new file `out`, byte for byte reproducibly.
+    """Write shards end to end into the new file `out`, byte for byte reproducibly.
 
     Raises:
         DataError: a shard is damaged, of another shape, or not the one its place asks for.
     """
-    lengths = [dataset_file.count_rows(path) for path in shards]
-    shapes = _row_shapes(read_shard(shards[0]))
-    with dataset_file.create_columns(out, lengths, shapes, attrs=attrs) as columns:
-        offset = 0
-        for place, path in enumerate(shards):
-            episode = read_shard(path)
-            if episode.seed_index != place:
-                raise DataError(f"{path}: holds episode {episode.seed_index}, not {place}")
-            if _row_shapes(episode) != shapes:
-                raise DataError(f"{path}: episode {place} has rows of another shape than episode 0")
-            _fill(columns, episode, offset)
-            offset += lengths[place]
+    heads = [dataset_file.read_head(path) for path in shards]
+    lengths: list[int] = []
+    for path, head in zip(shards, heads, strict=True):
+        if head.first_episode != len(lengths):
+            raise DataError(f"{path}: begins with episode {head.first_episode}, not {len(lengths)}")
+        if head.row_shapes != heads[0].row_shapes:
+            raise DataError(
+                f"{path}: episode {len(lengths)} has rows of another shape than episode 0"
+            )
+        lengths += head.lengths
+    with dataset_file.create_columns(out, lengths, heads[0].row_shapes, attrs=attrs) as columns:
+        first_row = 0
+        for path, head in zip(shards, heads, strict=True):
+            dataset_file.append(path, columns, first_row)
+            first_row += sum(head.lengths)
 
 
 def _row_shapes(episode: Episode) -> dict[str, tuple[int, ...]]:
-    """Shape of one row of each column that an episode fills."""
+    """Shape of one row of each column that an episode fills; its context stands for all rows."""
     shapes = {name: getattr(episode, name).shape[1:] for name in ("action", "state", "pixels")}
     return shapes if episode.context is None else {**shapes, "context": episode.context.shape}
-
-
-def _fill(columns: Mapping[str, h5py.Dataset], episode: Episode, offset: int) -> None:
-    """Write the episode's rows from row `offset` on; its one context image stands for all rows."""
-    for name, column in columns.items():
-        column[offset : offset + len(episode.pixels)] = getattr(episode, name)

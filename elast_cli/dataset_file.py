@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -51,6 +52,7 @@ def create_columns(
     row_shapes: Mapping[str, tuple[int, ...]],
     *,
     first_episode: int = 0,
+    lead: int = 0,
     attrs: Attributes | None = None,
 ) -> Iterator[dict[str, h5py.Dataset]]:
     """The columns in `row_shapes` of a new file, to be filled; the index columns are full.
@@ -62,6 +64,7 @@ def create_columns(
         lengths: rows of each episode.
         row_shapes: column -> shape of one row.
         first_episode: number of the first episode.
+        lead: blank rows before the first one, in columns of images; 0 in a dataset.
         attrs: attributes of the file.
     """
     length = np.array(lengths, _I32)
@@ -78,7 +81,10 @@ def create_columns(
         file.attrs.update(attrs or {})
         for name, values in index.items():
             _create(file, name, values.shape)[...] = values
-        yield {name: _create(file, name, (rows, *shape)) for name, shape in row_shapes.items()}
+        yield {
+            name: _create(file, name, (rows + (lead if _of_images(shape) else 0), *shape))
+            for name, shape in row_shapes.items()
+        }
     with open(path, "xb") as disk:
         disk.write(content.getbuffer())
         disk.flush()
@@ -87,7 +93,7 @@ def create_columns(
 
 def _create(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
     """A new checksummed column; without times, so that equal data make equal files."""
-    image = len(shape) == 4
+    image = _of_images(shape[1:])
     rows = min(shape[0], CHUNK_ROWS if image else NUMBER_CHUNK_ROWS)
     return file.create_dataset(
         name,
@@ -101,18 +107,16 @@ def _create(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
     )
 
 
+def _of_images(row_shape: tuple[int, ...]) -> bool:
+    return len(row_shape) == 3
+
+
 @dataclass(frozen=True)
 class Contents:
     """All that a file holds, found consistent; arrays as in `Dataset`."""
 
     first_episode: int
     arrays: dict[str, NDArray[Any]]  # pixels, action, state, ep_len, ep_offset, maybe context
-
-
-def count_rows(path: Path) -> int:
-    """Number of rows in a file that can be opened safely."""
-    with open_columns(path, COLUMNS) as columns:
-        return len(columns["pixels"])
 
 
 def read(path: Path) -> Contents:
@@ -122,17 +126,59 @@ def read(path: Path) -> Contents:
         DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
     """
     with open_columns(path, COLUMNS) as columns:
-        length, offset = columns["ep_len"][:], columns["ep_offset"][:]
-        _check_episodes(path, length, offset, len(columns["pixels"]))
-        rows = _Rows(path, length, offset, int(columns["ep_idx"][0]))
-        rows.check_counters(columns)
-        action, state = rows.read(columns, "action"), rows.read(columns, "state")
-        rows.check_numbers(action, state)
-        arrays = {"ep_len": length, "ep_offset": offset, "action": action, "state": state}
+        rows, arrays = _read_numbers(path, columns)
         arrays["pixels"] = rows.read(columns, "pixels")
         if "context" in columns:
             arrays["context"] = rows.read_firsts(columns, "context")
         return Contents(rows.first_episode, arrays)
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a file holds: its first episode, rows of each, and shape of a row by column."""
+
+    first_episode: int
+    lengths: list[int]
+    row_shapes: dict[str, tuple[int, ...]]
+
+
+def read_head(path: Path) -> Head:
+    """What a file says that it holds. Raises DataError if it is unsafe to open, or damaged."""
+    with open_columns(path, COLUMNS) as columns:
+        length = columns["ep_len"][:]
+        _check_episodes(path, length, columns["ep_offset"][:], len(columns["ep_idx"]))
+        shapes = {name: column.shape[1:] for name, column in columns.items() if column.ndim > 1}
+        return Head(int(columns["ep_idx"][0]), length.tolist(), shapes)
+
+
+def append(path: Path, out: Mapping[str, h5py.Dataset], first: int) -> None:
+    """Copy a file's rows to the rows of `out` from `first` on; its images may have a lead.
+
+    Chunks of images that are the same in both are copied as they are stored, compressed.
+
+    Raises:
+        DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
+    """
+    with open_columns(path, COLUMNS) as columns:
+        rows, arrays = _read_numbers(path, columns)
+        for name, target in out.items():
+            if name in arrays:
+                target[first : first + rows.count] = arrays[name]
+            else:
+                rows.copy(columns, name, target, first)
+
+
+def _read_numbers(
+    path: Path, columns: Mapping[str, h5py.Dataset]
+) -> tuple[_Rows, dict[str, NDArray[Any]]]:
+    """Where the episodes lie, and every column but those of images, found consistent."""
+    length, offset = columns["ep_len"][:], columns["ep_offset"][:]
+    _check_episodes(path, length, offset, len(columns["ep_idx"]))
+    rows = _Rows(path, length, offset, int(columns["ep_idx"][0]))
+    rows.check_counters(columns)
+    action, state = rows.read(columns, "action"), rows.read(columns, "state")
+    rows.check_numbers(action, state)
+    return rows, {"ep_len": length, "ep_offset": offset, "action": action, "state": state}
 
 
 def column_digests(path: Path) -> dict[str, str]:
@@ -174,6 +220,11 @@ class _Rows:
     offset: NDArray[np.int64]
     first_episode: int
 
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.length.sum())
+
     def read(self, columns: Mapping[str, h5py.Dataset], name: str) -> NDArray[Any]:
         """A column of one value a row, chunk by chunk."""
         self._check_length(columns, name)
@@ -181,12 +232,27 @@ class _Rows:
         values = np.empty(column.shape, column.dtype)
         for start in range(0, len(column), column.chunks[0]):
             stop = min(start + column.chunks[0], len(column))
-            try:
+            with self._naming(name, start, stop):
                 values[start:stop] = column[start:stop]
-            except HDF5_ERRORS:
-                span = f"{self._place(start)} to {self._place(stop - 1)}"
-                raise DataError(f"{self.path}: {name} is damaged in {span}") from None
         return values
+
+    def copy(
+        self, columns: Mapping[str, h5py.Dataset], name: str, target: h5py.Dataset, first: int
+    ) -> None:
+        """Copy a column of images to the rows of `target` from `first` on, chunk by chunk."""
+        source, size = columns[name], target.chunks[0]
+        lead = len(source) - self.count
+        self._check_lead(name, lead, most=CHUNK_ROWS - 1)
+        shift = first - lead  # row r of the source is row r + shift of the target
+        aligned = shift % size == 0 and _storage(source) == _storage(target)
+        edges = {lead, len(source), *range(-shift % size, len(source), size)}
+        for start, stop in itertools.pairwise(sorted(edge for edge in edges if edge >= lead)):
+            with self._naming(name, start - lead, stop - lead):
+                whole = stop - start == size or stop + shift == len(target)
+                if aligned and whole and start % size == 0:
+                    _copy_chunk(source, start, target, start + shift)
+                else:
+                    target[start + shift : stop + shift] = source[start:stop]
 
     def read_firsts(self, columns: Mapping[str, h5py.Dataset], name: str) -> NDArray[Any]:
         """The first row of every episode, of a column that is constant in each."""
@@ -215,16 +281,49 @@ class _Rows:
         self._refuse(some_given & last, "the last row's action is not NaN")
         self._refuse(np.any(~np.isfinite(state), axis=1), "a state is not finite")
 
+    @contextmanager
+    def _naming(self, name: str, start: int, stop: int) -> Iterator[None]:
+        """Turn what h5py raises for damaged data into a DataError that names column and rows."""
+        try:
+            yield
+        except HDF5_ERRORS:
+            span = f"{self._place(start)} to {self._place(stop - 1)}"
+            raise DataError(f"{self.path}: {name} is damaged in {span}") from None
+
     def _place(self, row: int) -> str:
         """The episode and step that a row belongs to."""
         episode = int(np.searchsorted(self.offset, row, side="right")) - 1
         return f"episode {episode + self.first_episode} step {row - self.offset[episode]}"
 
     def _check_length(self, columns: Mapping[str, h5py.Dataset], name: str) -> None:
-        rows = int(self.length.sum())
-        if len(columns[name]) != rows:
-            raise DataError(f"{self.path}: {name} has {len(columns[name])} rows, pixels {rows}")
+        self._check_lead(name, len(columns[name]) - self.count, most=0)
+
+    def _check_lead(self, name: str, lead: int, *, most: int) -> None:
+        if not 0 <= lead <= most:
+            rows = self.count + lead
+            raise DataError(f"{self.path}: {name} has {rows} rows, the episodes {self.count}")
 
     def _refuse(self, wrong: NDArray[Any], fault: str) -> None:
         if wrong.any():
             raise DataError(f"{self.path}: {self._place(int(wrong.argmax()))}: {fault}")
+
+
+def _storage(column: h5py.Dataset) -> tuple[object, ...]:
+    """What two columns must have in common for a stored chunk of one to be one of the other."""
+    return column.chunks, column.compression, column.shuffle, column.fletcher32
+
+
+def _copy_chunk(source: h5py.Dataset, start: int, target: h5py.Dataset, place: int) -> None:
+    """Copy the stored chunk of images at row `start` to row `place`. Raises OSError if damaged."""
+    skipped, stored = source.id.read_direct_chunk((start, 0, 0, 0))
+    if skipped & ~1 or _fletcher32(stored[:-4]) != int.from_bytes(stored[-4:], "little"):
+        raise OSError("wrong checksum")  # bit 0: what gzip would lengthen is stored as it is
+    target.id.write_direct_chunk((place, 0, 0, 0), stored, skipped)
+
+
+def _fletcher32(content: bytes) -> int:
+    """The checksum that HDF5 appends to a chunk, of its 16-bit big-endian words."""
+    words = np.frombuffer(content + b"\0" * (len(content) % 2), ">u2").astype(np.int64)
+    sums = int(words.sum()), int(words @ np.arange(len(words), 0, -1))
+    low, high = ((total - 1) % 65535 + 1 if total else 0 for total in sums)
+    return high << 16 | low

@@ -227,14 +227,14 @@ def test_a_signal_ends_it_cleanly_and_the_same_command_continues(
     process = subprocess.Popen([*ELAST, *arguments], cwd=home, stderr=subprocess.PIPE, text=True)
     runs = home / "data/.runs"
     deadline = time.monotonic() + 60
-    while len(list(runs.glob("*/*.h5"))) < 20 and time.monotonic() < deadline:
+    while len(list(runs.glob("*/*.h5"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(number)
     _, err = process.communicate(timeout=30)
     assert process.returncode == code
     assert err == ("elast: interrupted; the same command continues\n" if code == 130 else "")
     shards = len(list(runs.glob("*/*.h5")))
-    assert shards >= 20
+    assert shards >= 3
     time.sleep(1)
     assert len(list(runs.glob("*/*.h5"))) == shards  # no worker outlived it
     assert list((home / "data/.staging").glob("*")) == []
@@ -246,7 +246,7 @@ def test_workers_die_with_a_killed_parent(home: Path) -> None:
     process = subprocess.Popen([*ELAST, *arguments], cwd=home)
     runs = home / "data/.runs"
     deadline = time.monotonic() + 60
-    while len(list(runs.glob("*/*.h5"))) < 20 and time.monotonic() < deadline:
+    while len(list(runs.glob("*/*.h5"))) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGKILL)
     process.wait(timeout=30)

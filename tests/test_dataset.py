@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import zlib
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
@@ -11,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from elast_cli import dataset_file
 from elast_cli.dataset import (
     Dataset,
     Episode,
     column_digests,
     compact,
-    read_shard,
     shard_path,
     stack_rows,
     write_shard,
@@ -40,10 +43,30 @@ def episode(index: int, steps: int, *, context: bool = False) -> Episode:
 
 
 def write_all(folder: Path, episodes: list[Episode]) -> list[Path]:
-    paths = [shard_path(folder, one.seed_index) for one in episodes]
-    for path, one in zip(paths, episodes, strict=True):
-        write_shard(path, one)
+    return write_cut(folder, [[one] for one in episodes])
+
+
+def write_cut(folder: Path, parts: list[list[Episode]]) -> list[Path]:
+    """One shard a part, cut into chunks as the dataset will be."""
+    paths, row = [shard_path(folder, part[0].seed_index) for part in parts], 0
+    for path, part in zip(paths, parts, strict=True):
+        write_shard(path, part, first_row=row)
+        row += sum(len(one.pixels) for one in part)
     return paths
+
+
+def flat(index: int, steps: int) -> Episode:
+    """An episode whose frames gzip can shorten."""
+    frames = np.full((steps + 1, 64, 64, 3), index, np.uint8)
+    frames[:, 5, 5, 0] = np.arange(steps + 1)
+    return replace(episode(index, steps), pixels=frames)
+
+
+def stored(path: Path, row: int) -> bytes:
+    """The chunk of frames that begins at a row, as it is on disk."""
+    with h5py.File(path) as file:
+        content: bytes = file["pixels"].id.read_direct_chunk((row, 0, 0, 0))[1]
+    return content
 
 
 def in_memory(lengths: list[int]) -> Dataset:
@@ -60,23 +83,18 @@ def in_memory(lengths: list[int]) -> Dataset:
 
 
 @pytest.mark.parametrize("context", [False, True])
-def test_a_shard_gives_its_episode_back(tmp_path: Path, context: bool) -> None:
-    written = episode(7, 9, context=context)
+def test_a_shard_gives_its_episodes_back(tmp_path: Path, context: bool) -> None:
+    written = [episode(index, steps, context=context) for index, steps in ((7, 9), (8, 70))]
     write_shard(tmp_path / "shard.h5", written)
-    read = read_shard(tmp_path / "shard.h5")
-    assert read.seed_index == 7
-    np.testing.assert_array_equal(read.pixels, written.pixels)
-    np.testing.assert_array_equal(read.action, written.action)
-    np.testing.assert_array_equal(read.state, written.state)
-    assert (read.context is None) == (written.context is None)
-    if written.context is not None and read.context is not None:
-        np.testing.assert_array_equal(read.context, written.context)
-
-
-def test_writing_a_shard_leaves_only_the_shard(tmp_path: Path) -> None:
-    write_shard(tmp_path / "shard.h5", episode(0, 2))
-    write_shard(tmp_path / "shard.h5", episode(0, 2))
-    assert [path.name for path in tmp_path.iterdir()] == ["shard.h5"]
+    read = dataset_file.read(tmp_path / "shard.h5")
+    assert read.first_episode == 7
+    assert read.arrays["ep_len"].tolist() == [10, 71]
+    for name in ("pixels", "action", "state"):
+        expected = np.concatenate([getattr(one, name) for one in written])
+        np.testing.assert_array_equal(read.arrays[name], expected)
+    assert ("context" in read.arrays) == context
+    if context:
+        np.testing.assert_array_equal(read.arrays["context"], [one.context for one in written])
 
 
 @pytest.mark.parametrize("context", [False, True])
@@ -102,6 +120,68 @@ def test_the_same_shards_make_the_same_bytes(tmp_path: Path) -> None:
     for name in ("one.h5", "two.h5"):
         compact(shards, tmp_path / name, attrs={"env": "block-s", "seed": 3})
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 140), st.booleans()), min_size=2, max_size=5), st.booleans()
+)
+def test_a_dataset_does_not_depend_on_how_shards_were_cut(
+    episodes: list[tuple[int, bool]], noise: bool
+) -> None:
+    made = [(episode if noise else flat)(i, steps) for i, (steps, _) in enumerate(episodes)]
+    parts: list[list[Episode]] = [[]]
+    for one, (_, cut) in zip(made, episodes, strict=True):
+        parts += [[]] if cut and parts[-1] else []
+        parts[-1].append(one)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        compact(write_cut(folder, parts), folder / "cut.h5")
+        write_shard(folder / "whole.h5", made)
+        assert column_digests(folder / "cut.h5") == column_digests(folder / "whole.h5")
+        with h5py.File(folder / "cut.h5") as cut_file, h5py.File(folder / "whole.h5") as whole:
+            assert all(cut_file[name].chunks == whole[name].chunks for name in whole)
+
+
+@pytest.mark.parametrize("lead", [0, 10])
+def test_whole_chunks_are_copied_as_they_are_stored(tmp_path: Path, lead: int) -> None:
+    parts = [[flat(0, 64 + lead - 1)], [flat(1, 190 - lead)]]
+    shards = write_cut(tmp_path, parts)
+    with h5py.File(shards[1], "r+") as file:  # another level tells a copy from new compression
+        column = file["pixels"]
+        chunk = zlib.compress(column[64:128].tobytes(), 9)
+        column.id.write_direct_chunk((64, 0, 0, 0), chunk + checksum(chunk))
+    compact(shards, tmp_path / "out.h5")
+    assert stored(tmp_path / "out.h5", 128) == stored(shards[1], 64)
+    whole = np.concatenate([part[0].pixels for part in parts])
+    np.testing.assert_array_equal(Dataset.load(tmp_path / "out.h5").pixels, whole)
+
+
+def checksum(content: bytes) -> bytes:
+    """HDF5's Fletcher-32, word by word."""
+    low = high = 0
+    for place in range(0, len(content), 2):
+        word = int.from_bytes(content[place : place + 2].ljust(2, b"\0"), "big")
+        low = (low + word) % 65535
+        high = (high + low) % 65535
+    return ((high or 65535) << 16 | (low or 65535)).to_bytes(4, "little")
+
+
+@pytest.mark.parametrize("row", [0, 64])
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_damaged_chunk_is_never_copied(tmp_path: Path, row: int, noise: bool) -> None:
+    [shard] = write_cut(tmp_path, [[(episode if noise else flat)(0, 127)]])
+    content = stored(shard, row)
+    place = shard.read_bytes().index(content) + len(content) // 2
+    with open(shard, "r+b") as file:
+        file.seek(place)
+        byte = file.read(1)[0]
+        file.seek(place)
+        file.write(bytes([byte ^ 16]))
+    words = f"pixels is damaged in episode 0 step {row} to episode 0 step {row + 63}"
+    with pytest.raises(DataError, match=words):
+        compact([shard], tmp_path / "out.h5")
+    assert not (tmp_path / "out.h5").exists()
 
 
 def test_an_existing_file_is_never_overwritten(tmp_path: Path) -> None:
@@ -134,7 +214,7 @@ def test_the_layout_is_flat_with_one_value_a_row(tmp_path: Path) -> None:
 
 def test_compaction_refuses_a_shard_out_of_place_or_of_another_shape(tmp_path: Path) -> None:
     shards = write_all(tmp_path, [episode(0, 2), episode(1, 2), episode(2, 2, context=True)])
-    with pytest.raises(DataError, match="holds episode 1, not 0"):
+    with pytest.raises(DataError, match="begins with episode 1, not 0"):
         compact([shards[1], shards[0]], tmp_path / "swapped.h5")
     with pytest.raises(DataError, match="episode 2 has rows of another shape"):
         compact(shards, tmp_path / "mixed.h5")

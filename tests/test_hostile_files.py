@@ -495,9 +495,13 @@ INCONSISTENT: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
         lambda d: d.update(ep_idx=d["ep_idx"] + np.int32(4)),
         "begins with episode 4, not 0",
     ),
-    "too few actions": (cut("action"), "action has 8 rows, pixels 9"),
-    "too few states": (cut("state"), "state has 8 rows, pixels 9"),
-    "too few pixels": (cut("pixels"), "episode 2 ends after the last row"),
+    "too few actions": (cut("action"), "action has 8 rows, the episodes 9"),
+    "too few states": (cut("state"), "state has 8 rows, the episodes 9"),
+    "too few pixels": (cut("pixels"), "pixels has 8 rows, the episodes 9"),
+    "a blank first frame": (
+        lambda d: d.update(pixels=np.zeros((ROWS + 1, 64, 64, 3), np.uint8)),
+        "pixels has 10 rows, the episodes 9",
+    ),
     "no pixels": (lambda d: d.pop("pixels"), "column 'pixels' is missing"),
     "an unknown column": (lambda d: d.update(reward=d["ep_idx"]), "unknown column 'reward'"),
     "small frames": (

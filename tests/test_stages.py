@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli import preset
-from elast_cli.dataset import column_digests
+from elast_cli.dataset import column_digests, shard_path
 from elast_cli.envs import ENVS, base, make
 from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
 from elast_cli.manifest import JsonDict
@@ -240,7 +240,10 @@ def dataset_of(job: Job) -> tuple[Ref, dict[str, str]]:
     return ref, column_digests(job.store.file(ref, collect.DATASET_FILE))
 
 
-def test_any_number_of_workers_collects_the_same(job: Job, tmp_path: Path) -> None:
+def test_any_number_of_workers_collects_the_same(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(collect, "SHARD_ROWS", 300)  # 14 episodes, whose end is no chunk's end
     config = preset.load("quick", ENV, ["collect.n=900", "collect.episode_steps=20"])
     digests = []
     for workers in (1, 2):
@@ -253,13 +256,13 @@ def test_any_number_of_workers_collects_the_same(job: Job, tmp_path: Path) -> No
 def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
     job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(collect, "CHUNK", 1)
+    monkeypatch.setattr(collect, "SHARD_ROWS", 22)  # two episodes
     _, whole = dataset_of(replace(job, store=Store(tmp_path / "whole")))
     ran: list[int] = []
     original = base.collect_episode
 
     def counted(*args: object, index: int, **rest: object) -> object:
-        if len(ran) == 2:
+        if len(ran) == 5:
             raise KeyboardInterrupt
         ran.append(index)
         return original(*args, index=index, **rest)  # type: ignore[arg-type]  # passed through
@@ -272,14 +275,15 @@ def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
     notes = Notes()
     _, resumed = dataset_of(replace(job, progress=notes))
     assert resumed == whole
-    assert "2 episodes are there already" in notes.said[0]
+    assert ran == list(range(5))
+    assert "4 episodes are there already" in notes.said[0]
 
 
 def test_damaged_episodes_are_named_and_fresh_forgets_them(job: Job) -> None:
     step = collect.step(replace(job, fresh=True))
     with job.store.begin(step.recipe, parents={}) as run:
-        (run.work / "episode-0000000.h5").write_text("left by a broken disk")
-    with pytest.raises(DataError, match=r"episode-0000000\.h5: .*--fresh"):
+        shard_path(run.work, 0).write_text("left by a broken disk")
+    with pytest.raises(DataError, match=r"episodes-0000000\.h5: .*--fresh"):
         collect.step(job).carry_out()
     ref = step.carry_out()
     assert job.store.manifest(ref).metrics["episodes"] == 6

@@ -376,7 +376,7 @@ def collect(store: Store) -> tuple[Ref, list[int]]:
         shards = [shard_path(run.work, index) for index in range(EPISODES)]
         for index, path in enumerate(shards):
             if not path.exists():
-                write_shard(path, episode(index))
+                write_shard(path, [episode(index)])
                 made.append(index)
         compact(shards, run.staging / "episodes.h5", attrs={"env": "block-s"})
         return run.publish({"episodes": EPISODES}), made
@@ -456,7 +456,7 @@ print(test_store.collect_killed_at_every_point(Path({str(tmp_path)!r})))
         published = store.refs()
         for ref in published:
             store.verify(ref)
-        finished = list((store.home / "data/.runs").glob("*/episode-*.h5"))
+        finished = list((store.home / "data/.runs").glob("*/episodes-*.h5"))
         ref, made = collect(store)
         assert len(made) == (0 if published else EPISODES - len(finished))
         assert column_digests(store.file(ref, "episodes.h5")) == expected

@@ -1,4 +1,4 @@
-"""`elast collect`: random interaction, one shard an episode, then one HDF5 file."""
+"""`elast collect`: random interaction, shards of a few episodes, then one HDF5 file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from elast_cli.stages.workers import each
 
 ALGORITHM_VERSION = 1
 DATASET_FILE = "dataset.h5"
-CHUNK = 20  # episodes a task of a worker
+SHARD_ROWS = 2048  # at most, of episodes that are not longer
 
 
 def step(job: Job) -> Step:
@@ -31,40 +31,40 @@ def step(job: Job) -> Step:
 
 
 @dataclass(frozen=True)
-class _Chunk:
-    """A few episodes for one worker."""
+class _Shard:
+    """Consecutive episodes for one worker, and where they go: what a killed run may lose."""
 
     env: str
     config: JsonDict
     policy: RandomPolicyConfig
     seed: int
     length: int
-    episodes: tuple[int, ...]
-    folder: Path
+    episodes: range
+    path: Path
 
 
 def _collect(job: Job, run: Run) -> JsonDict:
     began = time.monotonic()
     collect = job.config.collect
-    shards = [shard_path(run.work, index) for index in range(collect.episodes)]
-    missing = [index for index, path in enumerate(shards) if not path.exists()]
-    if len(missing) < len(shards):
-        job.progress.note(f"collect: {len(shards) - len(missing)} episodes are there already")
-    chunks = [
-        _Chunk(
+    shards = [
+        _Shard(
             env=job.env,
             config=job.config.env,
             policy=collect.policy,
             seed=job.seed,
             length=collect.episode_steps,
-            episodes=tuple(missing[first : first + CHUNK]),
-            folder=run.work,
+            episodes=episodes,
+            path=shard_path(run.work, episodes.start),
         )
-        for first in range(0, len(missing), CHUNK)
+        for episodes in _shares(collect.episodes, collect.episode_steps + 1)
     ]
-    with job.progress.task("collect (episodes)", len(shards)) as advance:
-        advance(len(shards) - len(missing))
-        for done in each(_collect_chunk, chunks, workers=job.workers):
+    missing = [shard for shard in shards if not shard.path.exists()]
+    there = collect.episodes - sum(len(shard.episodes) for shard in missing)
+    if there:
+        job.progress.note(f"collect: {there} episodes are there already")
+    with job.progress.task("collect (episodes)", collect.episodes) as advance:
+        advance(there)
+        for done in each(_collect_shard, missing, workers=job.workers):
             advance(done)
     attrs: dict[str, str | int | float] = {
         "elast_version": elast_cli.__version__,
@@ -73,23 +73,29 @@ def _collect(job: Job, run: Run) -> JsonDict:
         "seed": job.seed,
     }
     try:
-        compact(shards, run.staging / DATASET_FILE, attrs=attrs)
+        compact([shard.path for shard in shards], run.staging / DATASET_FILE, attrs=attrs)
     except DataError as damage:  # of what this run, or the one it continues, has collected
         raise DataError(f"{damage}; the same command with --fresh collects all anew") from None
     return {
-        "episodes": len(shards),
-        "transitions": len(shards) * collect.episode_steps,
+        "episodes": collect.episodes,
+        "transitions": collect.episodes * collect.episode_steps,
         "wall_s": round(time.monotonic() - began, 3),
     }
 
 
-def _collect_chunk(chunk: _Chunk) -> int:
+def _shares(episodes: int, rows: int) -> list[range]:
+    """Episodes of each shard, the same for any number of workers; an episode has `rows` rows."""
+    size = max(SHARD_ROWS // rows, 1)
+    return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
+
+
+def _collect_shard(shard: _Shard) -> int:
     """Number of episodes written; each is the same whoever runs it, and may be run again."""
-    env = make(chunk.env, chunk.config)
-    policy = RandomPolicy(env.action_size, chunk.policy)
-    for index in chunk.episodes:
-        episode = collect_episode(
-            env, seed=chunk.seed, index=index, length=chunk.length, policy=policy
-        )
-        write_shard(shard_path(chunk.folder, index), episode)
-    return len(chunk.episodes)
+    env = make(shard.env, shard.config)
+    policy = RandomPolicy(env.action_size, shard.policy)
+    episodes = [
+        collect_episode(env, seed=shard.seed, index=index, length=shard.length, policy=policy)
+        for index in shard.episodes
+    ]
+    write_shard(shard.path, episodes, first_row=shard.episodes.start * (shard.length + 1))
+    return len(episodes)

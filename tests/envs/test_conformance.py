@@ -342,7 +342,7 @@ def test_a_collection_stores_the_context_of_every_episode(entry: EnvSpec, tmp_pa
     contexts = []
     for index, path in enumerate(shards):
         episode = collect_episode(env, seed=0, index=index, length=5, policy=policy)
-        write_shard(path, episode)
+        write_shard(path, [episode])
         assert episode.context is not None
         contexts.append(episode.context)
     compact(shards, tmp_path / "dataset.h5")
