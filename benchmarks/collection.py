@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,47 +27,61 @@ def figures(bench: Bench) -> list[Figure]:
 
 
 def _figure(bench: Bench, env: str, n: int) -> Figure:
-    bare = [bare_rate(env)]
-    before = os.times()
-    seconds = _collect(env, n, bench.workers)
-    after = os.times()
-    used = after.children_user + after.children_system
-    used -= before.children_user + before.children_system
-    bare.append(bare_rate(env))
-    episodes = -(-n // load("quick", env).collect.episode_steps)
-    rate = (n + episodes) / seconds
+    length = load("quick", env).collect.episode_steps
+    bare = [bare_loop(env)]
+    alone = _collect(env, length, bench.workers)
+    whole = _collect(env, n, bench.workers)
+    bare.append(bare_loop(env))
+    frames = n + -(-n // length)
+    rate, fastest = frames / whole.wall, 1 / min(loop.wall for loop in bare)
     return Figure(
         measurement="collection",
         name=f"{env}, {n:,} transitions, {bench.workers} workers",
-        ratio=rate / (bench.workers * max(bare)),
+        ratio=rate / (bench.workers * fastest),
         at_least=LEAST,
-        seconds={"collect": seconds, "CPU of all its processes": used},
-        facts={"frames/s": rate, "bare loop, frames/s a process": max(bare)},
+        seconds={
+            "collect": whole.wall,
+            "CPU of all its processes": whole.cpu,
+            "CPU of so many frames in the bare loop": frames * min(loop.cpu for loop in bare),
+            "collect one episode": alone.wall,
+            "its CPU": alone.cpu,
+        },
+        facts={"frames/s": rate, "bare loop, frames/s a process": fastest},
     )
 
 
-def bare_rate(name: str, seconds: float = BARE_SECONDS) -> float:
-    """Frames a second of `advance` and `frame` under uniformly random actions, in this process."""
+class Spent(NamedTuple):
+    """Seconds on the clock, and of all processors."""
+
+    wall: float
+    cpu: float
+
+
+def bare_loop(name: str, seconds: float = BARE_SECONDS) -> Spent:
+    """Seconds a frame of `advance` and `frame` under uniformly random actions, in this process."""
     config = load("quick", name)
     env, rng = make(name, config.env), np.random.default_rng(0)
     length, frames = config.collect.episode_steps, 0
-    began = time.perf_counter()
-    while (passed := time.perf_counter() - began) < seconds:
+    began, used = time.perf_counter(), time.process_time()
+    while time.perf_counter() - began < seconds:
         env.set_state(*env.sample_start(rng))
         env.frame()
         for action in rng.uniform(-1, 1, (length, env.action_size)).astype(np.float32):
             env.advance(action)
             env.frame()
         frames += length + 1
-    return frames / passed
+    return Spent((time.perf_counter() - began) / frames, (time.process_time() - used) / frames)
 
 
-def _collect(env: str, n: int, workers: int) -> float:
-    """Wall seconds of the command, in a new home."""
+def _collect(env: str, n: int, workers: int) -> Spent:
+    """Seconds of the command, in a new home."""
     words = ["collect", "--env", env, "--preset", "quick", "--n", str(n)]
     command = [sys.executable, "-m", "elast_cli", *words, "--workers", str(workers), "--quiet"]
     with tempfile.TemporaryDirectory() as home:
         environment = {**os.environ, "ELAST_HOME": home}
-        began = time.perf_counter()
+        before = os.times()
         subprocess.run(command, env=environment, cwd=Path(home), stdout=subprocess.PIPE, check=True)
-        return time.perf_counter() - began
+        after = os.times()
+    used = after.children_user + after.children_system
+    used -= before.children_user + before.children_system
+    return Spent(after.elapsed - before.elapsed, used)

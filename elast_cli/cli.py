@@ -39,7 +39,7 @@ from elast_cli.options import (
 
 if TYPE_CHECKING:
     from elast_cli.stages.benchmark import Benchmark
-    from elast_cli.stages.job import Job, Step
+    from elast_cli.stages.job import DataJob, Job, Step
     from elast_cli.store import Ref, Store
 
 _DISK_ERRORS = {
@@ -78,10 +78,10 @@ def collect(
         raise UsageError("--n and --episodes both say how much to collect; give one of them")
     keys = {"episode_steps": max_episode_steps, "n": n}
     extra = [f"collect.{key}={value}" for key, value in keys.items() if value is not None]
-    job = _job(env, lineage, running, extra)
+    job = _data_job(env, lineage, running, extra)
     if episodes is not None:
         length = job.config.collect.episode_steps
-        job = _job(env, lineage, running, [*extra, f"collect.n={episodes * length}"])
+        job = _data_job(env, lineage, running, [*extra, f"collect.n={episodes * length}"])
     from elast_cli.stages import collect as stage
 
     _finish(stage.step(job), running)
@@ -277,33 +277,53 @@ def _job(
     env: str, lineage: Lineage, running: Running, extra: Sequence[str] = (), inputs: Any = None
 ) -> Job:
     """The job that the flags describe; `extra` are further `--set` texts, which win."""
+    options = _options(env, lineage, running)
+    given = asdict(inputs) if inputs else {}
+    from elast_cli.store import Ref
+
+    refs = {role: Ref.parse(text) for role, text in given.items() if text is not None}
+    from elast_cli import preset
+    from elast_cli.stages.job import Job, resolve_device
+
+    config = preset.load(lineage.preset, env, [*(lineage.set or []), *extra])
+    device = resolve_device(running.device)
+    return Job(**options, config=config, device=device, threads=running.threads, given=refs)
+
+
+def _data_job(env: str, lineage: Lineage, running: Running, extra: Sequence[str]) -> DataJob:
+    """The same for data; without torch, unless more than a shipped preset is to be checked."""
+    options = _options(env, lineage, running)
+    from elast_cli import layers
+    from elast_cli.stages.job import DataJob
+
+    shipped = None if lineage.set else layers.shipped_data(lineage.preset, env, extra)
+    if shipped is None or running.device not in ("auto", "cpu"):
+        return _job(env, lineage, running, extra)
+    return DataJob(**options, config=shipped)
+
+
+def _options(env: str, lineage: Lineage, running: Running) -> dict[str, Any]:
+    """What jobs of all sorts are given."""
     if running.fresh and running.resume:
         raise UsageError("--resume and --fresh contradict each other; give one of them")
     from elast_cli.envs import spec
-    from elast_cli.store import Ref, Store
 
     spec(env)  # a misspelt name is told at once: the rest takes seconds to import
-    given = asdict(inputs) if inputs else {}
-    refs = {role: Ref.parse(text) for role, text in given.items() if text is not None}
-    from elast_cli import console, preset
-    from elast_cli.stages.job import Job, resolve_device
+    from elast_cli import console
     from elast_cli.stages.workers import usable_cores
+    from elast_cli.store import Store
 
-    return Job(
-        store=Store.default(),
-        env=env,
-        preset=lineage.preset,
-        config=preset.load(lineage.preset, env, [*(lineage.set or []), *extra]),
-        seed=lineage.seed,
-        device=resolve_device(running.device),
-        threads=running.threads,
-        workers=running.workers or usable_cores(),
-        progress=console.reporter(quiet=running.quiet),
-        given=refs,
-        wait=not running.no_wait,
-        force=running.force,
-        fresh=running.fresh,
-    )
+    return {
+        "store": Store.default(),
+        "env": env,
+        "preset": lineage.preset,
+        "seed": lineage.seed,
+        "workers": running.workers or usable_cores(),
+        "progress": console.reporter(quiet=running.quiet),
+        "wait": not running.no_wait,
+        "force": running.force,
+        "fresh": running.fresh,
+    }
 
 
 def _train(

@@ -241,6 +241,20 @@ def test_a_signal_ends_it_cleanly_and_the_same_command_continues(
     assert Store(home).refs() == []
 
 
+@pytest.mark.parametrize(("extra", "imported"), [([], False), (["--set", "cem.topk=3"], True)])
+def test_only_what_must_be_checked_besides_makes_collecting_import_torch(
+    home: Path, extra: list[str], imported: bool
+) -> None:
+    run = f"import sys; from elast_cli import cli; cli.run({[*COLLECT, *extra]})"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{run}; print('torch' in sys.modules)"],
+        cwd=home,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.splitlines() == ["block-s/dataset/v1", str(imported)], done.stderr
+
+
 def test_workers_die_with_a_killed_parent(home: Path) -> None:
     arguments = ["collect", "--env", "block-s", "--n", "60000", "--workers", "2", "--quiet"]
     process = subprocess.Popen([*ELAST, *arguments], cwd=home)

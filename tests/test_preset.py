@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from elast_cli import preset
+from elast_cli import layers, preset
 from elast_cli.envs import ENVS
 from elast_cli.errors import ConfigError, UsageError
 
@@ -21,10 +21,13 @@ def write(home: Path, file: str, content: str) -> Path:
 @pytest.mark.parametrize("name", ["quick", "standard", "paper"])
 @pytest.mark.usefixtures("home")
 def test_every_shipped_preset_loads_for_every_environment(name: str, env: str) -> None:
-    assert name in preset.names()
+    assert name in layers.names()
     loaded = preset.load(name, env)
     assert loaded.collect.n > 0
     assert loaded.env == ENVS[env].config_class().model_dump(mode="json")
+    data = layers.shipped_data(name, env)
+    assert data is not None
+    assert (data.env, data.collect) == (loaded.env, loaded.collect)
 
 
 @pytest.mark.usefixtures("home")
@@ -56,9 +59,16 @@ def test_a_folder_here_overrides_the_shipped_preset_file_by_file(home: Path) -> 
     assert loaded.encoder == shipped.encoder
 
 
+def test_a_users_preset_is_checked_as_a_whole(home: Path) -> None:
+    assert layers.shipped_data("quick", "block-s", ["collect.n=3"]) is not None
+    write(home, "quick/block-s.yaml", "collect: {n: 100}")
+    assert layers.shipped_data("quick", "cable") is not None
+    assert layers.shipped_data("quick", "block-s") is None
+
+
 def test_a_new_preset_holds_only_differences(home: Path) -> None:
     write(home, "mine/_default.yaml", "collect: {n: 100}")
-    assert "mine" in preset.names()
+    assert "mine" in layers.names()
     assert preset.load("mine", "block-s") == preset.load("standard", "block-s", ["collect.n=100"])
 
 

@@ -12,7 +12,7 @@ from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, ma
 from elast_cli.errors import DataError
 from elast_cli.manifest import JsonDict
 from elast_cli.publish import Run
-from elast_cli.stages.job import Job, Step
+from elast_cli.stages.job import DataJob, Step
 from elast_cli.stages.workers import each
 
 ALGORITHM_VERSION = 1
@@ -20,7 +20,7 @@ DATASET_FILE = "dataset.h5"
 SHARD_ROWS = 2048  # at most, of episodes that are not longer
 
 
-def step(job: Job) -> Step:
+def step(job: DataJob) -> Step:
     """The dataset of a job."""
     config: JsonDict = {
         "collect": job.config.collect.model_dump(mode="json"),
@@ -43,7 +43,7 @@ class _Shard:
     path: Path
 
 
-def _collect(job: Job, run: Run) -> JsonDict:
+def _collect(job: DataJob, run: Run) -> JsonDict:
     began = time.monotonic()
     collect = job.config.collect
     shards = [

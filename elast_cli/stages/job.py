@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from elast_cli.errors import UnavailableError, UsageError
+from elast_cli.layers import DEFAULT, DataSections
 from elast_cli.manifest import JsonDict
 from elast_cli.progress import Progress, Silent
 from elast_cli.publish import Run
@@ -14,18 +15,18 @@ from elast_cli.store import Recipe, Ref, Store
 
 if TYPE_CHECKING:
     from elast_cli.methods import Method
-    from elast_cli.preset import Preset  # imports torch, which workers that collect do without
+    from elast_cli.preset import Preset  # imports torch, which collecting does without
 
 
 @dataclass(frozen=True)
-class Job:
-    """One environment, preset and seed, and how to run.
+class DataJob:
+    """One environment, preset and seed, and how to run: as much as a dataset needs.
 
     Attributes:
         store: where artifacts are.
         env: the environment's name.
         preset: the preset's name, part of the lineage.
-        config: its sections, `--set` included.
+        config: its sections that data depend on, `--set` included.
         seed: of data, training and planner; part of the lineage.
         device: "cpu" or "cuda", resolved; part of the recipe of whatever torch computes.
         threads: torch threads a process; part of such recipes too.
@@ -40,7 +41,7 @@ class Job:
     store: Store
     env: str
     preset: str
-    config: Preset
+    config: DataSections
     seed: int = 0
     device: str = "cpu"
     threads: int = 1
@@ -53,8 +54,6 @@ class Job:
 
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
-        from elast_cli.preset import DEFAULT
-
         words = f"--env {self.env}"
         words += f" --preset {self.preset}" if self.preset != DEFAULT else ""
         return words + (f" --seed {self.seed}" if self.seed else "")
@@ -83,6 +82,13 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Job(DataJob):
+    """The same with all sections of the preset."""
+
+    config: Preset
+
+
+@dataclass(frozen=True)
 class Step:
     """How one artifact is made: its recipe, its inputs, and the function that fills its folder.
 
@@ -90,7 +96,7 @@ class Step:
     returns the metrics for the manifest.
     """
 
-    job: Job
+    job: DataJob
     recipe: Recipe
     inputs: Mapping[str, Ref]
     make: Callable[[Run], JsonDict]
