@@ -1,4 +1,10 @@
-"""`elast collect` by W workers against W times the bare environment loop of one process."""
+"""`elast collect` by W workers against W times the bare environment loop of one process.
+
+A worker spends 20 to 30 microseconds on a frame to compress and check it, and a command at least
+1.4 s until its workers have imported their libraries. Where the bare loop takes 60 microseconds a
+frame, as that of block-s does, 0.65 is the most that any number of frames can reach, and 0.4 is
+what 50,000 of them can.
+"""
 
 from __future__ import annotations
 
