@@ -1,4 +1,4 @@
-"""Which windows of the data make a batch for φ: random ones, of few contexts, or lookalikes."""
+"""Which windows of the data make a batch for φ: random ones, or lookalikes."""
 
 from __future__ import annotations
 
@@ -8,27 +8,19 @@ import numpy as np
 
 from elast_cli.shapes import Float32, Int64
 
-WINDOWS_PER_CONTEXT = 16  # in a batch of the encoder: what is contrasted with one another
 POOL = 20_000  # windows that are encoded at each search
 
 
 class Starts:
     """Rows at which windows may start; batches of them."""
 
-    def __init__(self, rows: Int64, episode: Int64, *, grouped: bool) -> None:
-        """Take rows [M] and the episode of each; `grouped`: only few episodes in a batch."""
-        self.rows, self.grouped = rows, grouped
-        self.groups = np.split(rows, np.flatnonzero(np.diff(episode)) + 1)
+    def __init__(self, rows: Int64) -> None:
+        """Take rows [M]."""
+        self.rows = rows
 
     def batch(self, rng: np.random.Generator, size: int) -> Int64:
-        """Rows [size], uniform with replacement; if grouped, several different ones an episode."""
-        if not self.grouped:
-            return self.rows[rng.integers(len(self.rows), size=size)]
-        chosen = rng.integers(len(self.groups), size=max(1, size // WINDOWS_PER_CONTEXT))
-        return np.concatenate([self._some(self.groups[group], rng) for group in chosen])
-
-    def _some(self, rows: Int64, rng: np.random.Generator) -> Int64:
-        return rng.choice(rows, min(WINDOWS_PER_CONTEXT, len(rows)), replace=False)
+        """Rows [size], uniform with replacement."""
+        return self.rows[rng.integers(len(self.rows), size=size)]
 
 
 class Lookalikes:

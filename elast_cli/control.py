@@ -29,11 +29,19 @@ class ControlConfig(StrictModel):
 
 @dataclass(frozen=True)
 class Task:
-    """B episodes: goal states u8 [B,F,64,64,3], context vectors [B,C], seeds [B]."""
+    """B episodes.
+
+    Attributes:
+        goal: goal states u8 [B,F,64,64,3].
+        context: context vectors [B,C].
+        seed: of all planning [B].
+        background: context images u8 [B,64,64,3], where the environment shows them.
+    """
 
     goal: Uint8
     context: Float32
     seed: Int64
+    background: Uint8 | None = None
 
 
 class Controller(Protocol[S]):
@@ -51,8 +59,8 @@ class Controller(Protocol[S]):
 class Estimator(Protocol):
     """Frames to latents: φ behind a row-independent call."""
 
-    def __call__(self, frames: Uint8, context: Float32) -> Float32:
-        """[B,F,64,64,3], [B,C] -> [B,Z]."""
+    def __call__(self, frames: Uint8, background: Uint8 | None) -> Float32:
+        """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
         ...
 
 
@@ -238,7 +246,7 @@ class Replan:
 
     def begin(self, task: Task) -> Following:
         """Encode the goals."""
-        goal = self.estimator(task.goal, task.context)
+        goal = self.estimator(task.goal, task.background)
         rows = len(goal)
         zero = np.zeros(rows, np.int64)
         none = np.zeros((0, 2, goal.shape[1]), np.float32)
@@ -247,7 +255,7 @@ class Replan:
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
-        z = self.estimator(frames, state.task.context)
+        z = self.estimator(frames, state.task.background)
         state = self._noticed(state, z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))
         if due.any():
@@ -413,7 +421,8 @@ def run_episodes(
     states = [[info["state"]] for info in told]
     steps: list[int | None] = [None] * len(envs)
     held = [False] * len(envs)
-    task = Task(np.repeat(goals[:, None], FRAMES, axis=1), context(told), seeds)
+    resting = np.repeat(goals[:, None], FRAMES, axis=1)
+    task = Task(resting, context(told), seeds, background_of(told))
     state = controller.begin(task)
     for t in range(max_steps):
         running = np.array([done is None for done in steps])
@@ -445,6 +454,12 @@ def run_episodes(
         )
         for b in range(len(envs))
     ]
+
+
+def background_of(infos: Sequence[Mapping[str, Any]]) -> Uint8 | None:
+    """Context images u8 [B,64,64,3] of what `reset` told of B episodes, if it shows them."""
+    images = [info["context"] for info in infos if "context" in info]
+    return np.stack(images) if images else None
 
 
 def _stack(history: Sequence[Sequence[Uint8]]) -> Uint8:

@@ -19,7 +19,7 @@ from elast_cli.fit import FitConfig, fit
 from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
 from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
-from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
 from elast_cli.models.noise import Noise
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
@@ -97,6 +97,16 @@ def seed_torch(seed: int, stage: str) -> None:
 # --- encoder ---------------------------------------------------------------------------------
 
 
+def frame_features(dataset: Dataset, encoder: Encoder) -> Tensor:
+    """A dataset's frames as φ takes them [N,3,S,S]: preprocessed, less their context image."""
+    features = encoder.preprocess(torch.from_numpy(dataset.pixels))
+    if dataset.context is not None:
+        images = encoder.preprocess(torch.from_numpy(dataset.context))
+        for part, image in zip(features.split(dataset.ep_len.tolist()), images, strict=True):
+            part -= image
+    return features
+
+
 class FrameWindows:
     """Windows of states from a dataset: frames preprocessed once, stacked by index."""
 
@@ -148,7 +158,7 @@ def train_encoder(
     action_size = dataset.action.shape[1]
     model = Representation(stage.net, stage.cpc, action_size, context.shape[1]).to(setting.device)
     train, val = dataset.split(setting.validation_share, setting.seed)
-    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels)).to(setting.device)
+    features = frame_features(dataset, model.encoder).to(setting.device)
     windows = FrameWindows(dataset, features, context.to(setting.device))
     horizon = stage.cpc.horizon
     starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
@@ -160,10 +170,8 @@ def train_encoder(
     sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
-    batches: Starts | Lookalikes = Starts(
-        starts, windows.episode[starts], grouped=context.shape[1] > 0
-    )
-    if stage.cpc.lookalikes > 1 and not context.shape[1]:
+    batches: Starts | Lookalikes = Starts(starts)
+    if stage.cpc.lookalikes > 1:
         batches = Lookalikes(
             starts,
             lambda rows: _latents(model, windows, rows + horizon).cpu().numpy(),
@@ -276,7 +284,7 @@ def encode(
     """Encode every row of a dataset with a trained φ."""
     device = setting.device
     model.eval()
-    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels)).to(device)
+    features = frame_features(dataset, model.encoder).to(device)
     windows = FrameWindows(dataset, features, context.to(device))
     rows = np.arange(len(dataset.pixels))
     train, val = dataset.split(setting.validation_share, setting.seed)
@@ -294,7 +302,7 @@ def encode(
 def _latents(model: Representation, windows: FrameWindows, rows: Int64) -> Tensor:
     """Latents [M,Z] of the states at `rows` [M]."""
     parts = [
-        model.encoder(windows.stacks(part), windows.contexts(part))
+        model.encoder(windows.stacks(part))
         for part in np.array_split(rows, max(1, len(rows) // 1024))
     ]
     return torch.cat(parts)

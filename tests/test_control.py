@@ -29,9 +29,10 @@ def towards(z: Float32, z_next: Float32, context: Float32) -> Float32:
     return z_next - z - context
 
 
-def brightness(frames: Uint8, context: Float32) -> Float32:
-    """z [B,1]: the first pixel of the last frame, in actions."""
-    return (frames[:, -1, 0, 0, :1] / REACH).astype(np.float32)
+def brightness(frames: Uint8, background: Uint8 | None) -> Float32:
+    """z [B,1]: the first pixel of the last frame, in actions, less that of the context image."""
+    pixel = frames[:, -1, 0, 0, :1].astype(np.float32)
+    return (pixel if background is None else pixel - background[:, 0, 0, :1]) / np.float32(REACH)
 
 
 def line(*rows: list[float], length: list[int] | None = None) -> Route:
@@ -382,6 +383,33 @@ def run(controller: Any, scenarios: list[tuple[int, int]], **options: Any) -> li
         context=lambda infos: np.zeros((len(infos), 1), np.float32),
         **options,
     )
+
+
+class Lamp(Dimmer):
+    """A dimmer before a background of its own, which its context image shows."""
+
+    def __init__(self, background: int) -> None:
+        super().__init__()
+        self.background = background
+
+    def picture(self, level: int) -> Uint8:
+        return super().picture(level + self.background)
+
+    def reset(self, *, options: dict[str, Any]) -> tuple[Uint8, dict[str, Any]]:
+        frame, info = super().reset(options=options)
+        return frame, {**info, "context": super().picture(self.background)}
+
+
+def test_the_estimator_is_given_every_rows_context_image() -> None:
+    traces = run_episodes(
+        replan(Straight(), 2),
+        [Lamp(7), Lamp(2)],
+        [(0, 3), (5, 4)],
+        max_steps=6,
+        seeds=np.arange(2),
+        context=lambda infos: np.zeros((len(infos), 1), np.float32),
+    )
+    assert [t.steps for t in traces] == [3, 1]
 
 
 def test_episodes_end_at_their_first_success_or_with_the_budget() -> None:

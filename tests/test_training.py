@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from elast_cli.batches import WINDOWS_PER_CONTEXT, Starts
+from elast_cli.batches import Starts
 from elast_cli.dataset import Dataset, stack_rows
 from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig
 from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
 from elast_cli.models.dynamics import EnsembleConfig
-from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.progress import Silent
@@ -30,6 +31,7 @@ from elast_cli.training import (
     Setting,
     Trained,
     encode,
+    frame_features,
     train_density,
     train_encoder,
     train_ensemble,
@@ -164,28 +166,20 @@ def test_training_and_held_out_transitions_never_share_an_episode(data: LatentDa
         assert torch.isfinite(data.action[rows]).all()
 
 
-def test_without_contexts_windows_start_anywhere() -> None:
-    rows, episode = np.arange(0, 60, 2), np.repeat(np.arange(3), 10)
-    found = Starts(rows, episode, grouped=False).batch(np.random.default_rng(0), 50)
+def test_windows_start_anywhere() -> None:
+    rows = np.arange(0, 60, 2)
+    found = Starts(rows).batch(np.random.default_rng(0), 50)
     np.testing.assert_array_equal(found, rows[np.random.default_rng(0).integers(30, size=50)])
 
 
-def test_with_contexts_a_batch_has_several_different_windows_of_few_episodes() -> None:
-    length = (40, 3, 30)
-    episode = np.repeat(np.arange(3), length)
-    rows = 5 + np.arange(73)
-    starts = Starts(rows, episode, grouped=True)
-    for seed in range(20):
-        found = starts.batch(np.random.default_rng(seed), 2 * WINDOWS_PER_CONTEXT)
-        first, second = (
-            part
-            for e in np.random.default_rng(seed).integers(3, size=2)
-            for part in [min(length[e], WINDOWS_PER_CONTEXT)]
-        )
-        assert len(found) == first + second
-        for part in (found[:first], found[first:]):
-            assert len(set(part.tolist())) == len(part)
-            assert len(set(episode[part - 5].tolist())) == 1
+def test_the_context_image_of_an_episode_comes_off_its_frames(dataset: Dataset) -> None:
+    images = np.random.default_rng(0).integers(256, size=(EPISODES, 64, 64, 3), dtype=np.uint8)
+    phi = Encoder(EncoderConfig(pool=8))
+    plain = frame_features(dataset, phi)
+    less = frame_features(replace(dataset, context=images), phi)
+    taken = (plain - less).unflatten(0, (EPISODES, ROWS))
+    expected = phi.preprocess(torch.from_numpy(images))[:, None].expand_as(taken)
+    torch.testing.assert_close(taken, expected, rtol=0, atol=0.25)  # of half precision
 
 
 def test_an_encoder_takes_contexts(dataset: Dataset, tmp_path: Path) -> None:
@@ -234,7 +228,7 @@ def test_encoding_is_the_encoder_on_every_rows_stack(
         dataset, model.encoder.preprocess(torch.from_numpy(dataset.pixels)), torch.zeros(30, 0)
     )
     with torch.no_grad():
-        expected = model.encoder(windows.stacks(rows), torch.zeros(5, 0))
+        expected = model.encoder(windows.stacks(rows))
     torch.testing.assert_close(data.z[rows], expected, rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(data.state, dataset.state)
 

@@ -22,8 +22,7 @@ class CpcConfig(StrictModel):
     latter differ from the positive by few steps, so that telling them apart asks for fine detail.
 
     With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
-    close together in latent space, searched for anew every `refresh` steps; not where contexts
-    differ, which group a batch already.
+    close together in latent space, searched for anew every `refresh` steps.
     """
 
     horizon: int = Field(default=3, ge=1, le=20)
@@ -35,18 +34,12 @@ class CpcConfig(StrictModel):
     refresh: int = Field(default=250, ge=1)
 
 
-def info_nce(prediction: Tensor, future: Tensor, context: Tensor | None = None) -> Tensor:
+def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
     """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from predictions [M,Z], states [nM,Z].
 
-    Row i's positive is state i. The others, n for each row, are its negatives, if they are of the
-    same context [M,C] or there is none: the expectation is over contexts, and z need not tell them
-    apart.
+    Row i's positive is state i; all others are its negatives.
     """
     logits = -torch.cdist(prediction, future).square()
-    if context is not None and context.shape[1]:
-        same = (context[:, None] == context).all(-1)
-        same = same.repeat(1, len(future) // len(prediction))
-        logits = logits.masked_fill(~same, -torch.inf)
     return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
 
 
@@ -58,7 +51,7 @@ class Representation(nn.Module):
     ) -> None:
         super().__init__()
         self.cpc = cpc
-        self.encoder = Encoder(encoder, context_size)
+        self.encoder = Encoder(encoder)
         self.dynamics = ForwardModel(
             encoder.latent_size, action_size, context_size, cpc.dynamics_width
         )
@@ -84,13 +77,13 @@ def cpc_loss(
     """
     m, steps = features.shape[0], features.shape[1]
     flat = features.flatten(0, 1)
-    z = model.encoder(flat, context.repeat_interleave(steps, 0)).unflatten(0, (m, steps))
+    z = model.encoder(flat).unflatten(0, (m, steps))
     predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
     for i in range(config.horizon):
         predicted = model.dynamics(predicted, actions[:, i], context)
         consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
     latest_first = z.flip(1).transpose(0, 1).flatten(0, 1)
     states = latest_first if config.negatives == "window" else z[:, -1]
-    contrast = info_nce(predicted, states, context)
+    contrast = info_nce(predicted, states)
     total = contrast + config.consistency_weight * consistency
     return total, {"info_nce": contrast, "consistency": consistency}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import torch
 from pydantic import Field
 from torch import Tensor, nn
 
@@ -33,32 +32,33 @@ class Encoder(PooledImages):
     Work that depends on one frame alone is done once for a whole dataset by `preprocess`; `forward`
     then takes stacks of preprocessed frames, normalised by the training data's mean image and one
     global scale. Without that normalisation the latent collapses to one dimension.
+
+    Where obstacles change with the episode, frames come less their context image: so φ depends on
+    the context, and what is left of a frame is what moves.
     """
 
-    def __init__(self, config: EncoderConfig, context_size: int = 0) -> None:
+    def __init__(self, config: EncoderConfig) -> None:
         super().__init__(config.pool)
         self.config = config
         side = self.side
         if config.architecture == "pooled-mlp":
-            n_in = config.frames * 3 * side * side + context_size
+            n_in = config.frames * 3 * side * side
             self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
         else:
-            self.net = ConvStack(side, config, context_size)
+            self.net = ConvStack(side, config)
 
-    def forward(self, features: Tensor, context: Tensor) -> Tensor:
-        """Encode stacks [M,F,3,S,S] with contexts [M,C] to latents [M,Z]."""
+    def forward(self, features: Tensor) -> Tensor:
+        """Encode stacks [M,F,3,S,S] to latents [M,Z]."""
         x = self.normalized(features[:, -self.config.frames :])
-        if isinstance(self.net, ConvStack):
-            latent: Tensor = self.net(x.flatten(1, 2), context)
-        else:
-            latent = self.net(torch.cat([x.flatten(1), context], dim=1))
+        convolved = isinstance(self.net, ConvStack)
+        latent: Tensor = self.net(x.flatten(1, 2) if convolved else x.flatten(1))
         return latent
 
 
 class ConvStack(nn.Module):
     """Strided convolutions (kernel 4, stride 2, doubling channels) and a two-layer head."""
 
-    def __init__(self, side: int, config: EncoderConfig, context_size: int) -> None:
+    def __init__(self, side: int, config: EncoderConfig) -> None:
         super().__init__()
         channels, n_in = config.channels, config.frames * 3
         layers: list[nn.Module] = []
@@ -66,9 +66,9 @@ class ConvStack(nn.Module):
             layers += [nn.Conv2d(n_in, channels, 4, stride=2, padding=1), nn.ReLU()]
             n_in, channels, side = channels, min(2 * channels, 256), side // 2
         self.body = nn.Sequential(*layers, nn.Flatten())
-        self.head = mlp([n_in * side * side + context_size, config.width, config.latent_size])
+        self.head = mlp([n_in * side * side, config.width, config.latent_size])
 
-    def forward(self, x: Tensor, context: Tensor) -> Tensor:
-        """Frames beside each other as channels [M,F·3,S,S], [M,C] -> [M,Z]."""
-        latent: Tensor = self.head(torch.cat([self.body(x), context], dim=1))
+    def forward(self, x: Tensor) -> Tensor:
+        """Frames beside each other as channels [M,F·3,S,S] -> [M,Z]."""
+        latent: Tensor = self.head(self.body(x))
         return latent

@@ -234,17 +234,19 @@ class FrameEncoder:
         self._net = DenseNetwork.of(encoder.net) if pooled else None
 
     @torch.inference_mode()
-    def __call__(self, frames: Uint8, context: Float32) -> Float32:
-        """[B,F,64,64,3], [B,C] -> [B,Z]."""
+    def __call__(self, frames: Uint8, background: Uint8 | None) -> Float32:
+        """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
         rows = len(frames)
         device = self.encoder.mean.device
         flat = torch.from_numpy(frames.reshape(-1, *frames.shape[2:])).to(device)
         features = self.encoder.preprocess(flat).unflatten(0, (rows, -1))
         features = features[:, -self.encoder.config.frames :]
+        if background is not None:
+            images = self.encoder.preprocess(torch.from_numpy(background).to(device))
+            features = features - images[:, None]
         if self._net is not None:
             x = (features.float() - self.encoder.mean) / self.encoder.scale
-            latent: Float32 = self._net(np.concatenate([x.flatten(1).cpu().numpy(), context], 1))[0]
+            latent: Float32 = self._net(x.flatten(1).cpu().numpy())[0]
             return latent
-        where = torch.from_numpy(context).to(device)
-        parts = [self.encoder(features[b : b + 1], where[b : b + 1]) for b in range(rows)]
+        parts = [self.encoder(features[b : b + 1]) for b in range(rows)]
         return torch.cat(parts).cpu().numpy()

@@ -73,6 +73,7 @@ def _tree_method(name: str) -> Method:
 def _plan(
     job: Job, method: Method, level: str, index: int, inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
+    from elast_cli.control import background_of
     from elast_cli.explain import explain_plan
     from elast_cli.models.inference import FrameEncoder
     from elast_cli.planners.base import Query
@@ -84,11 +85,11 @@ def _plan(
     scenario = _scenario(job, level, index)
     env = make(job.env, job.config.env)
     start, info = env.reset(options={"scenario": scenario})
-    encode, context = FrameEncoder(models.encoder.encoder), context_of(models.context, [info])
+    encode, background = FrameEncoder(models.encoder.encoder), background_of([info])
     query = Query(
-        encode(_resting(start), context),
-        encode(_resting(info["goal"]), context),
-        context,
+        encode(_resting(start), background),
+        encode(_resting(info["goal"]), background),
+        context_of(models.context, [info]),
         np.array([derived_seed("plan", plan_seed(job, scenario), 0)]),
     )
     plan = explain_plan(models, method.configure(job.config).planner, query, env)

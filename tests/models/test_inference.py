@@ -138,13 +138,13 @@ def test_a_task_may_have_no_context() -> None:
 def test_the_frame_encoder_is_the_encoder_row_by_row(architecture: str) -> None:
     encoder: Any = models(architecture=architecture)["encoder"]
     frames = np.random.default_rng(0).integers(256, size=(5, FRAMES, 64, 64, 3), dtype=np.uint8)
-    call, context = FrameEncoder(encoder.encoder), array(5, CONTEXT)
-    latent = call(frames, context)
+    call = FrameEncoder(encoder.encoder)
+    latent = call(frames, None)
     features = encoder.encoder.preprocess(torch.from_numpy(frames).flatten(0, 1))
-    expected = encoder.encoder(features.unflatten(0, (5, FRAMES)), torch.from_numpy(context))
+    expected = encoder.encoder(features.unflatten(0, (5, FRAMES)))
     np.testing.assert_allclose(latent, expected, rtol=1e-4, atol=1e-5)
     for b in range(5):
-        np.testing.assert_array_equal(call(frames[b : b + 1], context[b : b + 1])[0], latent[b])
+        np.testing.assert_array_equal(call(frames[b : b + 1], None)[0], latent[b])
 
 
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
@@ -152,11 +152,26 @@ def test_the_frame_encoder_of_one_frame_is_the_encoder(architecture: str) -> Non
     keys = {"architecture": architecture, "frames": 1, "width": 16, "channels": 4}
     encoder = Encoder(EncoderConfig.model_validate(keys)).eval()
     frames = np.random.default_rng(0).integers(256, size=(4, FRAMES, 64, 64, 3), dtype=np.uint8)
-    none = np.zeros((4, 0), np.float32)
     features = encoder.preprocess(torch.from_numpy(frames[:, -1]))
     with torch.no_grad():
-        expected = encoder(features[:, None], torch.from_numpy(none)).numpy()
-    np.testing.assert_allclose(FrameEncoder(encoder)(frames, none), expected, rtol=1e-4, atol=1e-4)
+        expected = encoder(features[:, None]).numpy()
+    np.testing.assert_allclose(FrameEncoder(encoder)(frames, None), expected, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
+def test_the_frame_encoder_takes_a_rows_context_image_off_its_frames(architecture: str) -> None:
+    encoder: Any = models(architecture=architecture)["encoder"]
+    rng = np.random.default_rng(0)
+    frames = rng.integers(256, size=(4, FRAMES, 64, 64, 3), dtype=np.uint8)
+    images = rng.integers(256, size=(4, 64, 64, 3), dtype=np.uint8)
+    call = FrameEncoder(encoder.encoder)
+    latent = call(frames, images)
+    less = (frames - images[:, None].astype(np.float32)).reshape(-1, 64, 64, 3)
+    features = encoder.encoder.preprocess(torch.from_numpy(less)).unflatten(0, (4, FRAMES))
+    np.testing.assert_allclose(latent, encoder.encoder(features), rtol=0.01, atol=0.01)
+    assert not np.allclose(latent, call(frames, images[::-1].copy()), atol=0.01)
+    for b in range(4):
+        np.testing.assert_array_equal(call(frames[b : b + 1], images[b : b + 1])[0], latent[b])
 
 
 def test_the_policy_call_is_the_policy_row_by_row(parts: dict[str, Any]) -> None:

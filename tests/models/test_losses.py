@@ -63,22 +63,10 @@ def test_info_nce_of_predictions_that_say_nothing_is_the_log_of_the_batch() -> N
     assert info_nce(torch.zeros(16, 2), torch.zeros(16, 2)).item() == pytest.approx(math.log(16))
 
 
-def test_info_nce_contrasts_within_a_context_only() -> None:
-    torch.manual_seed(0)
-    prediction, future = torch.randn(6, 2), torch.randn(6, 2)
-    context = torch.tensor([[0.0, 1], [0, 1], [0, 2], [0, 2], [0, 2], [0, 1]])
-    first, second = [0, 1, 5], [2, 3, 4]
-    parts = [info_nce(prediction[rows], future[rows]) for rows in (first, second)]
-    found = info_nce(prediction, future, context)
-    torch.testing.assert_close(found, torch.stack(parts).mean())
-    none = info_nce(prediction, future, torch.zeros(6, 0))
-    assert torch.equal(none, info_nce(prediction, future))
-
-
 class _Latent(nn.Module):
     """Encodes a stack as the first pixel of its last frame."""
 
-    def forward(self, features: Tensor, context: Tensor) -> Tensor:
+    def forward(self, features: Tensor) -> Tensor:
         return features[:, -1, 0, 0, :1]
 
 
@@ -124,15 +112,6 @@ def test_all_states_of_all_windows_may_be_negatives() -> None:
     contrast = -np.log(np.exp(np.diag(logits)) / np.exp(logits).sum(1)).mean()
     _, parts = cpc_loss(toy_representation(config), features, actions, context, config)
     assert parts["info_nce"].item() == pytest.approx(contrast, rel=1e-5)
-
-
-def test_negatives_of_windows_are_of_the_same_context() -> None:
-    prediction, states = torch.randn(2, 3), torch.randn(4, 3)
-    context = torch.tensor([[0.0], [1.0]])
-    first = info_nce(prediction[:1], states[::2])
-    second = info_nce(prediction[1:], states[1::2])
-    together = info_nce(prediction, states, context)
-    assert together.item() == pytest.approx((first + second).item() / 2, rel=1e-5)
 
 
 def test_a_perfect_model_has_no_consistency_loss() -> None:

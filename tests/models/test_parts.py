@@ -62,21 +62,20 @@ def test_normalization_leaves_no_mean_image_and_one_global_scale() -> None:
 
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
 @pytest.mark.parametrize("pool", [1, 4, 8])
-def test_every_encoder_sees_all_frames_and_the_context(architecture: str, pool: int) -> None:
+def test_every_encoder_sees_all_frames(architecture: str, pool: int) -> None:
     torch.manual_seed(0)
     config = EncoderConfig.model_validate(
         {"architecture": architecture, "pool": pool, "latent_size": 5, "width": 16}
     )
-    encoder = Encoder(config, context_size=2)
+    encoder = Encoder(config)
     side = 64 // pool
-    base, context = torch.rand(1, 3, 3, side, side), torch.zeros(1, 2)
-    z = encoder(base, context)
+    base = torch.rand(1, 3, 3, side, side)
+    z = encoder(base)
     assert z.shape == (1, 5)
-    assert not torch.equal(z, encoder(base, context + 1))
     for frame in range(3):
         changed = base.clone()
         changed[:, frame] += 1
-        assert not torch.equal(z, encoder(changed, context))
+        assert not torch.equal(z, encoder(changed))
 
 
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
@@ -84,12 +83,12 @@ def test_an_encoder_of_one_frame_sees_the_last(architecture: str) -> None:
     torch.manual_seed(0)
     keys = {"architecture": architecture, "pool": 8, "frames": 1, "width": 16, "channels": 4}
     encoder = Encoder(EncoderConfig.model_validate(keys))
-    base, context = torch.rand(1, 3, 3, 8, 8), torch.zeros(1, 0)
+    base = torch.rand(1, 3, 3, 8, 8)
     earlier, last = base.clone(), base.clone()
     earlier[:, :2] += 1
     last[:, 2] += 1
-    torch.testing.assert_close(encoder(earlier, context), encoder(base, context))
-    assert not torch.equal(encoder(last, context), encoder(base, context))
+    torch.testing.assert_close(encoder(earlier), encoder(base))
+    assert not torch.equal(encoder(last), encoder(base))
 
 
 def test_the_scale_is_the_mean_the_deviation_and_the_root_mean_square_step() -> None:
