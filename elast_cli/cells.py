@@ -126,53 +126,101 @@ def add(cells: Cells, points: Float32, first: Int64, last: Int64) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _measure(at: Float32, b: int, block: int, query: Float32, out: Float32) -> None:
+    """Squared distances [16] of a block's points to `query` [Z]; of all its places, used or not."""
+    lanes = at.shape[3]
+    for i in range(lanes):
+        out[i] = 0
+    for d in range(len(query)):
+        place = query[d]
+        for i in range(lanes):  # not BLOCK: unrolled, it is no vector loop
+            step = place - at[b, block, d, i]
+            out[i] += step * step
+
+
+@njit(cache=True, nogil=True)
+def _reach(cells: Cells, query: Float32, radius: float) -> tuple[int, int, int, int]:
+    """First and last cells along both axes that hold points within `radius` of `query` [Z]."""
+    side, reach = cells.side[0], radius * (1 + SLACK)
+    x, y = _project(query, cells.axes)
+    return (
+        int(np.floor((x - reach) / side)),
+        int(np.floor((x + reach) / side)),
+        int(np.floor((y - reach) / side)),
+        int(np.floor((y + reach) / side)),
+    )
+
+
+@njit(cache=True, nogil=True)
 def _within(
     cells: Cells,
     b: int,
     query: Float32,
     radius: float,
-    enough: int,
     out: Int32,
     gaps: Float32,
     scratch: Float32,
 ) -> int:
     """Write points of row b within `radius` of `query` [Z], and squared distances; how many.
 
-    Stops once there are `enough`; out and gaps have room for a block more, scratch for one.
+    `out` and `gaps` have room for a block more than there are points, `scratch` for one.
     """
-    head, after, keys, size, who, at = (
-        cells.head,
-        cells.after,
-        cells.key,
-        cells.size,
-        cells.who,
-        cells.at,
-    )
-    side, buckets, lanes = cells.side[0], head.shape[1], at.shape[3]
-    x, y = _project(query, cells.axes)
-    reach = radius * (1 + SLACK)
-    low, high = int(np.floor((y - reach) / side)), int(np.floor((y + reach) / side))
     limit, found = radius * radius, 0
-    for u in range(int(np.floor((x - reach) / side)), int(np.floor((x + reach) / side)) + 1):
+    left, right, low, high = _reach(cells, query, radius)
+    for u in range(left, right + 1):
         for v in range(low, high + 1):
             key = _key(u, v)
-            block = head[b, _bucket(key, buckets)]
+            block = cells.head[b, _bucket(key, cells.head.shape[1])]
             while block != NONE:
-                if keys[b, block] == key:
-                    for i in range(lanes):
-                        scratch[i] = 0
-                    for d in range(len(query)):
-                        place = query[d]
-                        for i in range(lanes):  # not BLOCK: unrolled, it is no vector loop
-                            step = place - at[b, block, d, i]
-                            scratch[i] += step * step
-                    for i in range(size[b, block]):
-                        out[found], gaps[found] = who[b, block, i], scratch[i]
+                if cells.key[b, block] == key:
+                    _measure(cells.at, b, block, query, scratch)
+                    for i in range(cells.size[b, block]):
+                        out[found], gaps[found] = cells.who[b, block, i], scratch[i]
                         found += scratch[i] <= limit
-                    if found >= enough:
-                        return found
-                block = after[b, block]
+                block = cells.after[b, block]
     return found
+
+
+@njit(cache=True, nogil=True)
+def _any_in_cell(
+    cells: Cells, b: int, key: int, query: Float32, limit: float, scratch: Float32
+) -> bool:
+    block = cells.head[b, _bucket(key, cells.head.shape[1])]
+    while block != NONE:
+        if cells.key[b, block] == key:
+            _measure(cells.at, b, block, query, scratch)
+            for i in range(cells.size[b, block]):
+                if scratch[i] <= limit:
+                    return True
+        block = cells.after[b, block]
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _is_copy(
+    cells: Cells,
+    b: int,
+    query: Float32,
+    radius: float,
+    cost: Int32,
+    most: int,
+    scratch: Float32,
+) -> bool:
+    """Whether a point nearer to `query` [Z] than `radius` costs no more than `most`."""
+    limit = radius * radius
+    left, right, low, high = _reach(cells, query, radius)
+    for u in range(left, right + 1):
+        for v in range(low, high + 1):
+            key = _key(u, v)
+            block = cells.head[b, _bucket(key, cells.head.shape[1])]
+            while block != NONE:
+                if cells.key[b, block] == key:
+                    _measure(cells.at, b, block, query, scratch)
+                    for i in range(cells.size[b, block]):
+                        if scratch[i] < limit and cost[b, cells.who[b, block, i]] <= most:
+                            return True
+                block = cells.after[b, block]
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +255,7 @@ def find_pairs(
         for k in range(queries.shape[1]):
             if not wanted[r, k]:
                 continue
-            count = _within(cells, rows[r], queries[r, k], radius, every, near, gap, scratch)
+            count = _within(cells, rows[r], queries[r, k], radius, near, gap, scratch)
             for i in range(min(count, room - found)):
                 pairs[0, found + i] = rows[r]
                 pairs[1, found + i] = k
@@ -231,24 +279,33 @@ def drop_copies(
 
     The points cost [B,N], the queries new_cost [R,K]; the rest is as for `find_pairs`.
     """
-    every = cells.after.shape[1]
-    near, gap = np.empty(every + BLOCK, np.int32), np.empty(every + BLOCK, np.float32)
     scratch = np.empty(BLOCK, np.float32)
     for r in range(len(rows)):
         b = rows[r]
         for k in range(queries.shape[1]):
             if wanted[r, k]:
-                for i in range(_within(cells, b, queries[r, k], radius, every, near, gap, scratch)):
-                    if gap[i] < radius * radius and cost[b, near[i]] <= new_cost[r, k]:
-                        wanted[r, k] = False
+                most = new_cost[r, k]
+                wanted[r, k] = not _is_copy(cells, b, queries[r, k], radius, cost, most, scratch)
 
 
 @njit(cache=True, nogil=True)
 def any_within(cells: Cells, queries: Float32, radius: float) -> Bool:
-    """Whether any point of the first row lies within `radius` of each query [M,Z]: [M]."""
-    near, gap = np.empty(2 * BLOCK, np.int32), np.empty(2 * BLOCK, np.float32)
+    """Whether any point of the first row lies within `radius` of each query [M,Z]: [M].
+
+    The query's own cell is looked at first: where there is one at all, it is most often there.
+    """
     scratch = np.empty(BLOCK, np.float32)
     out = np.empty(len(queries), np.bool_)
+    limit, side = radius * radius, cells.side[0]
     for m in range(len(queries)):
-        out[m] = _within(cells, 0, queries[m], radius, 1, near, gap, scratch) > 0
+        query = queries[m]
+        x, y = _project(query, cells.axes)
+        own = _key(int(np.floor(x / side)), int(np.floor(y / side)))
+        out[m] = _any_in_cell(cells, 0, own, query, limit, scratch)
+        left, right, low, high = _reach(cells, query, radius)
+        for u in range(left, right + 1):
+            for v in range(low, high + 1):
+                key = _key(u, v)
+                if not out[m] and key != own:
+                    out[m] = _any_in_cell(cells, 0, key, query, limit, scratch)
     return out
