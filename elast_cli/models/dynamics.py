@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from pydantic import Field
 from torch import Tensor, nn
@@ -15,6 +17,7 @@ class EnsembleConfig(StrictModel):
 
     members: int = Field(default=5, ge=1, le=100)
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    depth: int = Field(default=2, ge=1, le=10, description="hidden layers of a member")
     support_size: int = Field(default=10_000, ge=100, le=10_000_000)
 
 
@@ -65,14 +68,10 @@ class DynamicsEnsemble(nn.Module):
         super().__init__()
         self.config = config
         n_in = latent_size + action_size + context_size
-        width, members = config.width, config.members
+        sizes = [n_in, *[config.width] * config.depth, latent_size]
         self.scale = LatentScale(latent_size)
         self.layers = nn.ModuleList(
-            [
-                EnsembleLinear(members, n_in, width),
-                EnsembleLinear(members, width, width),
-                EnsembleLinear(members, width, latent_size),
-            ]
+            EnsembleLinear(config.members, inner, outer) for inner, outer in pairwise(sizes)
         )
         self.variance_quantiles = QuantileTable()
 
@@ -81,9 +80,9 @@ class DynamicsEnsemble(nn.Module):
         x = torch.cat([self.scale(z), action, context], dim=-1)
         if x.dim() == 2:
             x = x.expand(self.config.members, -1, -1)
-        x = torch.relu(self.layers[0](x))
-        x = torch.relu(self.layers[1](x))
-        out: Tensor = self.layers[2](x)
+        for layer in self.layers[:-1]:
+            x = torch.relu(layer(x))
+        out: Tensor = self.layers[-1](x)
         return out
 
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:

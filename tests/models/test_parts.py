@@ -10,8 +10,9 @@ from tiny import ACTION, CONTEXT, LATENT, models
 from torch.nn import functional
 
 from elast_cli.models.cpc import Representation
+from elast_cli.models.dense import DenseNetwork
 from elast_cli.models.density import TransitionDensity
-from elast_cli.models.dynamics import DynamicsEnsemble, ForwardModel, LatentScale
+from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, ForwardModel, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.policy import LocalPolicy
 from elast_cli.models.support import SupportedDynamics
@@ -115,6 +116,17 @@ def test_the_ensemble_predicts_the_mean_and_the_spread_of_its_members() -> None:
     mean, variance = model(z, action, context)
     torch.testing.assert_close(mean, z + steps.mean(0))
     torch.testing.assert_close(variance, steps.var(0, correction=0).sum(1))
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_members_of_every_depth_are_what_the_search_calls(depth: int) -> None:
+    config = EnsembleConfig(members=2, width=16, depth=depth)
+    model = DynamicsEnsemble(config, LATENT, ACTION, CONTEXT)
+    assert len(model.layers) == depth + 1
+    z, _, action, context = items(5)
+    inputs = torch.cat([model.scale(z), action, context], dim=1).numpy()
+    expected = model.members(z, action, context).detach()
+    np.testing.assert_allclose(DenseNetwork.of(model.layers)(inputs), expected, 1e-4, 1e-5)
 
 
 def test_members_may_each_have_their_own_inputs() -> None:
