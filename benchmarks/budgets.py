@@ -29,7 +29,7 @@ def settings(method: str, budget: int) -> list[str]:
         expansions = round(budget / PER_EXPANSION)
         return [f"planner.expansions={expansions}", "planner.replan_expansions=2000"]
     samples = round(budget / CEM_ROUNDS)
-    return [f"cem.samples={samples}", f"cem.topk={max(2, samples // 10)}"]
+    return [f"cem.num_samples={samples}", f"cem.topk={max(2, samples // 10)}"]
 
 
 def measured(method: str, budget: int, words: Sequence[str]) -> dict[str, Any]:

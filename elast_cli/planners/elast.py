@@ -27,7 +27,7 @@ class TreeConfig(StrictModel):
     `max_nodes` bounds a tree's memory: a full tree stops, and is not reused in vain. A
     `time_budget` in seconds stops all trees; which plan it leaves depends on the machine. With
     `reuse`, replanning starts from the tree of the plan before, and spends `replan_expansions`
-    where that still reaches the goal.
+    once that reaches the goal.
 
     π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
@@ -117,6 +117,9 @@ class Search:
         config, scenarios = self.config, len(query.start)
         self.tally = Tally.zero(scenarios)
         self.draws = self._draw(scenarios)
+        self.later = np.array(
+            [config.reuse and m is not None for m in query.memory or [None] * scenarios]
+        )
         self.failures = {b: pairs for b, pairs in enumerate(query.failed) if len(pairs)}
         roots = self.world.features(query.start, np.arange(scenarios))
         old = [self._replanted(b, roots[b]) for b in range(scenarios)]
@@ -201,6 +204,9 @@ class Search:
             if not len(rows):
                 break
             self.expand(rows)
+            arrived = self.later & (forest.nearest_distance <= self.radii.goal)
+            enough = self.done + self.config.replan_expansions
+            self.budget[arrived] = np.minimum(self.budget[arrived], enough)
 
     def expand(self, rows: Int64) -> None:
         """One batch in the trees of `rows` [R]: select, step, test, insert, rewire.

@@ -455,3 +455,17 @@ def test_the_policy_steers_towards_sparse_nodes() -> None:
     search._steer(root, action, np.zeros(50, int), draws)
     assert len(np.unique(action, axis=0)) > 10  # to many nodes, each within one step's reach
     assert (np.abs(action) <= 1).all()
+
+
+def test_a_later_plan_stops_soon_after_it_has_reached_the_goal_and_a_first_one_does_not() -> None:
+    query = problems(1, seed=3)
+    config: dict[str, Any] = {"replan_expansions": 50, "batch_max": 8, "prune": False}
+    stunted = grown(query, expansions=8, **config).best_plan()
+    assert not stunted.reached.any()
+    later = grown(replace(query, memory=stunted.memory), expansions=5000, **config)
+    first = grown(query, expansions=5000, **config)
+    assert first.done == 5000
+    assert later.best_plan().reached.all()
+    assert later.done < 5000
+    early = grown(replace(query, memory=stunted.memory), expansions=later.done - 70, **config)
+    assert not early.best_plan().reached.any()
