@@ -80,7 +80,7 @@ def plot(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
                 )
         axes.set(xscale="log", ylim=(-3, 108), ylabel="success, %")
         axes.set_xlabel("seconds for the first plan of an episode (one core); labels: transitions")
-        axes.legend(frameon=False, loc="center left")
+        axes.legend(frameon=False, loc="center right")
         axes.spines[["top", "right"]].set_visible(False)
 
 
