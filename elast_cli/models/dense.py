@@ -19,7 +19,9 @@ from elast_cli.models.nets import EnsembleLinear
 from elast_cli.shapes import Float32
 
 NARROW = 32  # outputs below which a layer is computed as dot products
-BLOCK = 64  # rows whose hidden values stay in the first cache
+PANEL = 128  # outputs of a wide layer computed together; a constant, so that loops are unrolled
+ROWS = 6  # computed together: with PANEL and four inputs as many sums as there are registers
+BLOCK = 10 * ROWS  # rows whose hidden values stay in the first cache
 
 
 class DenseNetwork:
@@ -30,7 +32,8 @@ class DenseNetwork:
         self.device = layers[0][0].device
         self.layers = [(w.detach(), b.detach()) for w, b in layers]
         self.inputs = layers[0][0].shape[1]
-        packed = [_pack(w, b, last=i + 1 == len(layers)) for i, (w, b) in enumerate(self.layers)]
+        self.outputs = layers[-1][1].shape[1]
+        packed = [_pack(w, b) for w, b in self.layers]
         self._weights = tuple(weight for weight, _ in packed)
         self._biases = tuple(bias for _, bias in packed)
 
@@ -49,8 +52,7 @@ class DenseNetwork:
         """[M,in] -> [E,M,out]."""
         if self.device.type != "cpu":
             return self._on_device(x)
-        members, outputs = self._biases[-1].shape
-        out = np.empty((members, len(x), outputs), np.float32)
+        out = np.empty((len(self._biases[-1]), len(x), self.outputs), np.float32)
         _forward(x, self._weights, self._biases, out)
         return out
 
@@ -62,15 +64,24 @@ class DenseNetwork:
         return y.cpu().numpy()
 
 
-def _pack(weight: Tensor, bias: Tensor, *, last: bool) -> tuple[Float32, Float32]:
-    """Weights for the kernels: inputs and hidden outputs in fours, narrow layers transposed."""
+def _padded(size: int) -> int:
+    """Values of a layer in memory: in fours, or in whole panels."""
+    fours = size + -size % 4
+    return fours if fours < NARROW else size + -size % PANEL
+
+
+def _pack(weight: Tensor, bias: Tensor) -> tuple[Float32, Float32]:
+    """Weights [E,P,in,PANEL], or [E,1,out,in] for narrow layers, and biases [E,out]; padded."""
     members, n_in, n_out = weight.shape
-    more_in, more_out = -n_in % 4, 0 if last else -n_out % 4
-    w = np.zeros((members, n_in + more_in, n_out + more_out), np.float32)
-    b = np.zeros((members, n_out + more_out), np.float32)
+    w = np.zeros((members, _padded(n_in), _padded(n_out)), np.float32)
+    b = np.zeros((members, w.shape[2]), np.float32)
     w[:, :n_in, :n_out] = weight.cpu().numpy()
     b[:, :n_out] = bias.cpu().numpy()
-    return (np.ascontiguousarray(w.transpose(0, 2, 1)) if b.shape[1] < NARROW else w), b
+    if w.shape[2] < NARROW:
+        panels = w.transpose(0, 2, 1)[:, None]
+    else:
+        panels = w.reshape(members, w.shape[1], -1, PANEL).transpose(0, 2, 1, 3)
+    return np.ascontiguousarray(panels), b
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
@@ -86,35 +97,46 @@ def _narrow(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _wide(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
-    """Out [M,out] from x [M,in] and weight [in,out]; M and in are multiples of four.
+    """Out [M,P·PANEL] from x [M,in] and weight [P,in,PANEL]; M is a multiple of ROWS, in of four.
 
-    Four rows by four inputs at a time: each weight and each partial sum is loaded once for four
-    products, which keeps the vector units busy.
+    Six rows by four inputs at a time: each weight and each partial sum is loaded once for many
+    products. A panel's sums lie in an array of their own, which nothing else can overlap.
     """
-    for i in range(0, x.shape[0], 4):
-        x0, x1, x2, x3 = x[i], x[i + 1], x[i + 2], x[i + 3]
-        y0, y1, y2, y3 = out[i], out[i + 1], out[i + 2], out[i + 3]
-        for j in range(out.shape[1]):
-            y0[j] = y1[j] = y2[j] = y3[j] = bias[j]
-        for k in range(0, x.shape[1], 4):
-            w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
-            a0, a1, a2, a3 = x0[k], x0[k + 1], x0[k + 2], x0[k + 3]
-            b0, b1, b2, b3 = x1[k], x1[k + 1], x1[k + 2], x1[k + 3]
-            c0, c1, c2, c3 = x2[k], x2[k + 1], x2[k + 2], x2[k + 3]
-            d0, d1, d2, d3 = x3[k], x3[k + 1], x3[k + 2], x3[k + 3]
-            for j in range(out.shape[1]):
-                v0, v1, v2, v3 = w0[j], w1[j], w2[j], w3[j]
-                y0[j] = y0[j] + a0 * v0 + a1 * v1 + a2 * v2 + a3 * v3
-                y1[j] = y1[j] + b0 * v0 + b1 * v1 + b2 * v2 + b3 * v3
-                y2[j] = y2[j] + c0 * v0 + c1 * v1 + c2 * v2 + c3 * v3
-                y3[j] = y3[j] + d0 * v0 + d1 * v1 + d2 * v2 + d3 * v3
+    sums = np.empty((ROWS, PANEL), np.float32)
+    y0, y1, y2, y3, y4, y5 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+    for panel in range(weight.shape[0]):
+        first = panel * PANEL
+        for i in range(0, x.shape[0], ROWS):
+            x0, x1, x2, x3, x4, x5 = x[i], x[i + 1], x[i + 2], x[i + 3], x[i + 4], x[i + 5]
+            for j in range(PANEL):
+                y0[j] = y1[j] = y2[j] = y3[j] = y4[j] = y5[j] = bias[first + j]
+            for k in range(0, x.shape[1], 4):
+                w0, w1 = weight[panel, k], weight[panel, k + 1]
+                w2, w3 = weight[panel, k + 2], weight[panel, k + 3]
+                a0, a1, a2, a3 = x0[k], x0[k + 1], x0[k + 2], x0[k + 3]
+                b0, b1, b2, b3 = x1[k], x1[k + 1], x1[k + 2], x1[k + 3]
+                c0, c1, c2, c3 = x2[k], x2[k + 1], x2[k + 2], x2[k + 3]
+                d0, d1, d2, d3 = x3[k], x3[k + 1], x3[k + 2], x3[k + 3]
+                e0, e1, e2, e3 = x4[k], x4[k + 1], x4[k + 2], x4[k + 3]
+                f0, f1, f2, f3 = x5[k], x5[k + 1], x5[k + 2], x5[k + 3]
+                for j in range(PANEL):
+                    v0, v1, v2, v3 = w0[j], w1[j], w2[j], w3[j]
+                    y0[j] = y0[j] + a0 * v0 + a1 * v1 + a2 * v2 + a3 * v3
+                    y1[j] = y1[j] + b0 * v0 + b1 * v1 + b2 * v2 + b3 * v3
+                    y2[j] = y2[j] + c0 * v0 + c1 * v1 + c2 * v2 + c3 * v3
+                    y3[j] = y3[j] + d0 * v0 + d1 * v1 + d2 * v2 + d3 * v3
+                    y4[j] = y4[j] + e0 * v0 + e1 * v1 + e2 * v2 + e3 * v3
+                    y5[j] = y5[j] + f0 * v0 + f1 * v1 + f2 * v2 + f3 * v3
+            for row in range(ROWS):
+                for j in range(PANEL):
+                    out[i + row, first + j] = sums[row, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _layer(x: Float32, weight: Float32, bias: Float32) -> Float32:
     out = np.empty((x.shape[0], bias.shape[0]), np.float32)
     if bias.shape[0] < NARROW:
-        _narrow(x, weight, bias, out)
+        _narrow(x, weight[0], bias, out)
     else:
         _wide(x, weight, bias, out)
     return out
@@ -124,11 +146,11 @@ def _layer(x: Float32, weight: Float32, bias: Float32) -> Float32:
 def _forward(
     x: Float32, weights: tuple[Float32, ...], biases: tuple[Float32, ...], out: Float32
 ) -> None:
-    """Fill out [E,M,out] block by block; weights [E,in,out] or, if narrow, [E,out,in]."""
-    inputs = weights[0].shape[2] if biases[0].shape[1] < NARROW else weights[0].shape[1]
+    """Fill out [E,M,out] block by block, with packed weights and biases."""
+    inputs = weights[0].shape[3] if biases[0].shape[1] < NARROW else weights[0].shape[2]
     for start in range(0, x.shape[0], BLOCK):
         rows = min(BLOCK, x.shape[0] - start)
-        padded = np.zeros((rows + -rows % 4, inputs), np.float32)
+        padded = np.zeros((rows + -rows % ROWS, inputs), np.float32)
         padded[:rows, : x.shape[1]] = x[start : start + rows]
         for e in range(out.shape[0]):
             y = _layer(padded, weights[0][e], biases[0][e])
@@ -137,4 +159,4 @@ def _forward(
                 for i in range(len(hidden)):
                     hidden[i] = max(hidden[i], np.float32(0))
                 y = _layer(y, weights[layer][e], biases[layer][e])
-            out[e, start : start + rows] = y[:rows]
+            out[e, start : start + rows] = y[:rows, : out.shape[2]]

@@ -59,6 +59,16 @@ def _inputs(z: Float32, mean: Float32, std: Float32, beside: Float32, context: F
 
 
 @njit(cache=True, nogil=True)
+def _scaled(z: Float32, z_next: Float32, scale: Float32) -> Float32:
+    """Steps from z to z' [M,Z] in units of `scale` [Z]."""
+    out = np.empty_like(z)
+    for m in range(z.shape[0]):
+        for d in range(z.shape[1]):
+            out[m, d] = (z_next[m, d] - z[m, d]) / scale[d]
+    return out
+
+
+@njit(cache=True, nogil=True)
 def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float32]:
     """Mean next latent [M,Z] and variance [M] over members' steps [E,M,Z] in units of `scale`."""
     members = np.float32(steps.shape[0])
@@ -109,7 +119,7 @@ class PolicyCall:
 
     def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
         """[B,Z], [B,Z], [B,C] -> action [B,A]."""
-        step = (z_next - z) / self.scale.step
+        step = _scaled(z, z_next, self.scale.step)
         return _tanh(self._net(_inputs(z, self.scale.mean, self.scale.std, step, context))[0])
 
 
@@ -152,18 +162,24 @@ class LatentWorld:
         world.context = context
         return world
 
+    def _contexts(self, row: Int64) -> Float32:
+        """Contexts [M,C] of the items' scenarios."""
+        size = self.context.shape[1]
+        return self.context[row] if size else np.empty((len(row), 0), np.float32)
+
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
         """Next latent [M,Z] and variance [M] of H_f (or of h_f, with variance 0)."""
         if self._single is not None:
-            delta = self._single(np.concatenate([z, action, self.context[row]], 1))[0]
+            delta = self._single(np.concatenate([z, action, self._contexts(row)], 1))[0]
             return z + delta, np.zeros(len(z), np.float32)
         scale = self._scale
-        steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self.context[row]))
+        steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""
-        found: Float32 = self._first(np.concatenate([z, self.context[row]], 1))[0]
+        context = self._contexts(row)
+        found: Float32 = self._first(np.concatenate([z, context], 1) if context.size else z)[0]
         return found
 
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
@@ -184,7 +200,7 @@ class LatentWorld:
 
     def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
         """π's action [M,A] from z to z'."""
-        return self._policy(z, z_next, self.context[row])
+        return self._policy(z, z_next, self._contexts(row))
 
 
 def _first_layer_as_network(density: TransitionDensity) -> tuple[Tensor, Tensor]:

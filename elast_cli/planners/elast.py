@@ -39,9 +39,9 @@ class TreeConfig(StrictModel):
     replan_expansions: int = Field(default=2_000, ge=1)
     max_nodes: int | None = Field(default=None, ge=1)
     time_budget: float | None = Field(default=None, gt=0)
-    batch_min: int = Field(default=8, ge=1)
-    batch_max: int = Field(default=64, ge=1)
-    batch_share: float = Field(default=1 / 32, ge=0, le=1)
+    batch_min: int = Field(default=16, ge=1)
+    batch_max: int = Field(default=128, ge=1)
+    batch_share: float = Field(default=1 / 16, ge=0, le=1)
     p_uniform: float = Field(default=0.2, ge=0, le=1)
     p_sparse: float = Field(default=0.78, ge=0, le=1)
     sparse_exponent: float = Field(default=3.0, ge=0)
@@ -244,7 +244,8 @@ class Search:
         z_new, variance = self.world.step(z, action.reshape(len(row), -1), row)
         self.tally.transitions[rows] += parent.shape[1] * self.world.members
         alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
-        alive &= ~self._failed(z, z_new, row)
+        if self.failures:
+            alive &= ~self._failed(z, z_new, row)
         shape = parent.shape
         return Batch(rows, parent, action, z_new.reshape(*shape, -1), alive.reshape(shape))
 
@@ -261,7 +262,7 @@ class Search:
         step = target - here
         step *= np.minimum(1, reach / np.maximum(tree.lengths(step), 1e-9))[:, None]
         action[steered] = self.world.act(here, here + step, row[steered])
-        self.tally.policy += np.bincount(row[steered], minlength=len(self.tally.policy))
+        tree.count(self.tally.policy, row[steered], 1)
 
     def _test(self, batch: Batch) -> None:
         """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
@@ -288,12 +289,10 @@ class Search:
 
     def _likely(self, row: Int64 | Int32, source: Int32, target: Int64 | Int32) -> Bool:
         """Whether ψ finds the edges likely [P]."""
-        width = self.forest.feature.shape[1]
         table = self.forest.feature.reshape(-1, self.forest.feature.shape[2])
-        start = row.astype(np.int64) * width
-        log_density = self.world.log_density(table, start + source, start + target)
-        self.tally.density += np.bincount(row, minlength=len(self.tally.density))
-        likely: Bool = log_density >= self.limits.min_log_density
+        width = self.forest.feature.shape[1]
+        here, there = tree.flat(row, source, target, width, self.tally.density)
+        likely: Bool = self.world.log_density(table, here, there) >= self.limits.min_log_density
         return likely
 
     def _insert(self, batch: Batch) -> None:
@@ -370,13 +369,10 @@ class Search:
 
     def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
         """π's action along each edge [P,A], and whether H_f under it surely leads there [P]."""
-        latent = self.forest.latent
-        return self._round_trip(latent[row, source], latent[row, target], row.astype(np.int64))
+        return self._round_trip(*tree.ends(self.forest, row, source, target))
 
     def _failed(self, z: Float32, z_next: Float32, row: Int64) -> Bool:
         """Which transitions [M] resemble one that execution has tried in vain."""
-        if not self.failures:
-            return np.zeros(len(row), np.bool_)
         found = [np.flatnonzero(row == b) for b in self.failures]
         out = np.zeros(len(row), np.bool_)
         for at, pairs in zip(found, self.failures.values(), strict=True):
@@ -384,17 +380,20 @@ class Search:
         return out
 
     def _round_trip(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Bool]:
+        """π's action from z to z' [M,A], and whether H_f under it surely leads there [M]."""
         limits = self.limits
         action = self.world.act(z, z_next, row)
-        calls = np.bincount(row, minlength=len(self.tally.policy))
-        self.tally.policy += calls
-        untried = ~self._failed(z, z_next, row)
-        if limits.max_round_trip == np.inf:
-            return action, untried
-        landed, variance = self.world.step(z, action, row)
-        self.tally.transitions += calls * self.world.members
-        near = tree.lengths(landed - z_next) <= limits.max_round_trip
-        return action, near & untried & (variance <= limits.max_variance)
+        tree.count(self.tally.policy, row, 1)
+        if limits.max_round_trip < np.inf:
+            landed, variance = self.world.step(z, action, row)
+            tree.count(self.tally.transitions, row, self.world.members)
+            bounds = (limits.max_round_trip, limits.max_variance)
+            admissible = tree.lands(landed, z_next, variance, *bounds)
+        else:
+            admissible = np.ones(len(row), np.bool_)
+        if self.failures:
+            admissible &= ~self._failed(z, z_next, row)
+        return action, admissible
 
     def best_nodes(self) -> tuple[Int64, Bool]:
         """The end of each row's path [B], and whether it lies within r_goal of the goal [B].

@@ -307,6 +307,49 @@ def rewire(
 
 
 @njit(cache=True, nogil=True)
+def ends(
+    forest: Forest, row: Int32, source: Int32, target: Int32
+) -> tuple[Float32, Float32, Int64]:
+    """Latents at both ends of edges (row, source, target) [P], each [P,Z], and the rows [P]."""
+    z = np.empty((len(row), forest.latent.shape[2]), np.float32)
+    z_next = np.empty_like(z)
+    for e in range(len(row)):
+        z[e] = forest.latent[row[e], source[e]]
+        z_next[e] = forest.latent[row[e], target[e]]
+    return z, z_next, row.astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def flat(row: Int32, source: Int32, target: Int32, width: int, calls: Int64) -> tuple[Int64, Int64]:
+    """Places of edges' ends [P] in a table of `width` for each row; counts them in calls [B]."""
+    here, there = np.empty(len(row), np.int64), np.empty(len(row), np.int64)
+    for e in range(len(row)):
+        here[e], there[e] = row[e] * width + source[e], row[e] * width + target[e]
+        calls[row[e]] += 1
+    return here, there
+
+
+@njit(cache=True, nogil=True)
+def count(calls: Int64, row: Int64, each: int) -> None:
+    """Add `each` to the calls [B] of every row that is named [M]."""
+    for e in range(len(row)):
+        calls[row[e]] += each
+
+
+@njit(cache=True, nogil=True)
+def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, most: float) -> Bool:
+    """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M]."""
+    out = np.empty(len(landed), np.bool_)
+    for m in range(len(landed)):
+        gap = np.float32(0)
+        for d in range(landed.shape[1]):
+            step = landed[m, d] - z_next[m, d]
+            gap += step * step
+        out[m] = np.sqrt(gap) <= radius and variance[m] <= most
+    return out
+
+
+@njit(cache=True, nogil=True)
 def prune(
     forest: Forest, rows: Int64, sums: Float64, weights: Float64, radius: float, longest: float
 ) -> None:

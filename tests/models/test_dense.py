@@ -14,7 +14,9 @@ def array(*shape: int) -> Float32:
     return np.random.default_rng(0).standard_normal(shape, dtype=np.float32)
 
 
-@pytest.mark.parametrize("sizes", [(10, 128, 128, 8), (3, 7, 33, 1), (40, 50), (5, 31, 2)])
+@pytest.mark.parametrize(
+    "sizes", [(10, 128, 128, 8), (3, 7, 33, 1), (40, 50), (5, 31, 2), (4, 260)]
+)
 @pytest.mark.parametrize("rows", [0, 1, 3, 64, 131])
 def test_a_network_is_that_of_torch(sizes: tuple[int, ...], rows: int) -> None:
     net, x = mlp(sizes), array(rows, sizes[0])

@@ -449,7 +449,7 @@ def test_the_policy_steers_towards_the_goal() -> None:
 
 def test_the_policy_steers_towards_sparse_nodes() -> None:
     query = problems(1, seed=4)
-    search = grown(query, expansions=200, steer_goal=0.0, steer_sparse=0.9)
+    search = grown(query, expansions=200, batch_min=8, batch_max=8, steer_sparse=0.9)
     root = np.repeat(query.start, 50, 0)
     action, draws = np.zeros((50, 2), np.float32), np.random.default_rng(0).random((50, 8))
     search._steer(root, action, np.zeros(50, int), draws)
@@ -459,7 +459,12 @@ def test_the_policy_steers_towards_sparse_nodes() -> None:
 
 def test_a_later_plan_stops_soon_after_it_has_reached_the_goal_and_a_first_one_does_not() -> None:
     query = problems(1, seed=3)
-    config: dict[str, Any] = {"replan_expansions": 50, "batch_max": 8, "prune": False}
+    config: dict[str, Any] = {
+        "replan_expansions": 50,
+        "batch_min": 8,
+        "batch_max": 8,
+        "prune": False,
+    }
     stunted = grown(query, expansions=8, **config).best_plan()
     assert not stunted.reached.any()
     later = grown(replace(query, memory=stunted.memory), expansions=5000, **config)
