@@ -320,7 +320,9 @@ def ends(
 
 
 @njit(cache=True, nogil=True)
-def flat(row: Int32, source: Int32, target: Int32, width: int, calls: Int64) -> tuple[Int64, Int64]:
+def flat(
+    row: Int64 | Int32, source: Int32, target: Int64 | Int32, width: int, calls: Int64
+) -> tuple[Int64, Int64]:
     """Places of edges' ends [P] in a table of `width` for each row; counts them in calls [B]."""
     here, there = np.empty(len(row), np.int64), np.empty(len(row), np.int64)
     for e in range(len(row)):
