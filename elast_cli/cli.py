@@ -115,9 +115,9 @@ def train_ensemble(
 
 
 @app.command()
-@takes(EncoderInput, Fitting, Lineage, Running)
+@takes(EnsembleInput, Fitting, Lineage, Running)
 def train_density(
-    env: Env, inputs: EncoderInput, fitting: Fitting, lineage: Lineage, running: Running
+    env: Env, inputs: EnsembleInput, fitting: Fitting, lineage: Lineage, running: Running
 ) -> None:
     """Train the transition density (noise-contrastive estimation)."""
     _train("density", env, inputs, fitting, lineage, running)

@@ -21,7 +21,7 @@ from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
-from elast_cli.models.noise import Noise
+from elast_cli.models.noise import Noise, OtherContexts
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
@@ -29,6 +29,7 @@ from elast_cli.progress import Progress
 from elast_cli.seeding import derived_seed, generator
 from elast_cli.shapes import FRAMES, Bool, Int64
 
+FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
 VALIDATION_ROWS = 2048
 STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
@@ -398,18 +399,31 @@ def _calibrate_dynamics(
     }
 
 
-def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Trained:
-    """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions."""
+def train_density(
+    data: LatentData,
+    stage: DensityStage,
+    setting: Setting,
+    ensemble: DynamicsEnsemble | None = None,
+) -> Trained:
+    """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions.
+
+    Where there are contexts, `ensemble` says where steps lead in others.
+    """
     seed_torch(setting.seed, "density")
     psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
     ratio = stage.net.noise_ratio
     _fit_scale(psi.scale, data)
     noise = _noise(data, psi, setting)
+    others = _other_contexts(data, psi, ensemble)
 
     def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         z, _, context, z_next = data.transitions(rows)
-        sources = z.repeat(1 + ratio, 1)
-        targets = torch.cat([z_next, noise.draw(rows, rng).flatten(0, 1)])
+        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(rows, rng).flatten(0, 1)
+        targets = torch.cat([z_next, targets])
+        if others:
+            elsewhere, there = others.draw(rows, rng)
+            sources = torch.cat([sources, elsewhere.flatten(0, 1)])
+            targets = torch.cat([targets, there.flatten(0, 1)])
         contexts = context.repeat(1 + ratio, 1)
         is_data = torch.arange(len(sources), device=z.device) < len(z)
         log_ratio = psi.log_ratio(sources, targets, contexts)
@@ -436,16 +450,36 @@ def train_density(data: LatentData, stage: DensityStage, setting: Setting) -> Tr
     return Trained(psi, data.sizes, curve, metrics)
 
 
-def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
+def _step_length(data: LatentData, share: float) -> float:
+    """The quantile of the lengths of observed steps, in latent units."""
     z, _, _, z_next = data.transitions(data.train)
-    step = float(np.quantile((z_next - z).norm(dim=1).cpu().numpy(), 0.95))
+    return float(np.quantile((z_next - z).norm(dim=1).cpu().numpy(), share))
+
+
+def _other_contexts(
+    data: LatentData, psi: TransitionDensity, ensemble: DynamicsEnsemble | None
+) -> OtherContexts | None:
+    """Noise from other contexts, where there are any and some is asked for."""
+    count = psi.config.elsewhere(data.context.shape[1])
+    if not count:
+        return None
+    if ensemble is None:
+        raise ValueError("noise from other contexts needs the ensemble")
+
+    margin = FARTHER * _step_length(data, 0.5)
+    step = ensemble.by_one_member
+    return OtherContexts(data.z, data.action, data.context, data.train, step, margin, count)
+
+
+def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
+    contexts = data.context.shape[1]
     return Noise(
         data.z,
         data.train,
         std=psi.noise_std(),
-        ratio=psi.config.noise_ratio,
-        near=psi.config.near,
-        radius=psi.config.near_radius * step,
+        ratio=psi.config.noise_ratio - psi.config.elsewhere(contexts),
+        near=psi.config.near(contexts),
+        radius=psi.config.near_radius * _step_length(data, 0.95),
         rng=generator("train", setting.seed, STAGES["density"]),
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from elast_cli.batches import Starts
 from elast_cli.dataset import Dataset, stack_rows
@@ -16,7 +17,7 @@ from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig
 from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
-from elast_cli.models.dynamics import EnsembleConfig
+from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
@@ -301,6 +302,27 @@ def test_the_density_tells_steps_from_noise_and_calibrates_its_threshold(
         expected = np.quantile(log_density.numpy(), p)
         assert table.at(p) == pytest.approx(expected, rel=1e-3, abs=1e-3)
     assert (far < table.at(0.02)).float().mean() > 0.9
+
+
+def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
+    data: LatentData, tmp_path: Path
+) -> None:
+    fit = FitConfig(steps=5, batch_size=16)
+    dynamics = DynamicsEnsemble(EnsembleConfig(members=2, width=8), 3, 2, 2)
+    differing = replace(data, context=torch.rand(len(data.z), 2))
+
+    def weights(data: LatentData, share: float, dynamics: DynamicsEnsemble | None) -> Tensor:
+        stage = DensityStage(net=DensityConfig(width=8, context_share=share), fit=fit)
+        work = setting(tmp_path / f"{len(data.context.T)} {share}")
+        weight: Tensor = train_density(data, stage, work, dynamics).module.get_parameter(
+            "first.weight"
+        )
+        return weight
+
+    assert torch.equal(weights(data, 0.0, None), weights(data, 0.5, None))
+    assert not torch.equal(weights(differing, 0.0, None), weights(differing, 0.5, dynamics))
+    with pytest.raises(ValueError, match="needs the ensemble"):
+        weights(differing, 0.5, None)
 
 
 def test_the_policy_learns_and_calibrates_its_round_trip(

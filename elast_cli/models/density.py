@@ -17,20 +17,27 @@ from elast_cli.models.nets import MAX_WIDTH, QuantileTable, mlp
 class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
 
-    A share `near_share` of the noise stems from latents of the data within `near_radius` (in 95 %
-    quantiles of the lengths of steps) of the source; 0 is the paper's Gaussian noise alone.
+    Where episodes differ in their context, a share `context_share` of the noise are transitions
+    that fit other contexts. Of the rest, a share `near_share` leads to latents of the data within
+    `near_radius` (in 95 % quantiles of the lengths of steps) of the source. With neither, it is the
+    paper's Gaussian noise.
     """
 
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    depth: int = Field(default=2, ge=1, le=10, description="hidden layers")
     noise_ratio: int = Field(default=10, ge=1)
     noise_scale: float = Field(default=1.0, gt=0)
     near_share: float = Field(default=0.8, ge=0, le=1)
     near_radius: float = Field(default=1.25, gt=0)
+    context_share: float = Field(default=0.5, ge=0, le=1)
 
-    @property
-    def near(self) -> int:
-        """How many of the ν false successors come from near by."""
-        return round(self.near_share * self.noise_ratio)
+    def elsewhere(self, context_size: int) -> int:
+        """How many of the ν false transitions fit other contexts, of `context_size` numbers."""
+        return round(self.context_share * self.noise_ratio) if context_size else 0
+
+    def near(self, context_size: int) -> int:
+        """How many of the ν false transitions lead to latents of the data near by."""
+        return round(self.near_share * (self.noise_ratio - self.elsewhere(context_size)))
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
@@ -57,10 +64,16 @@ class TransitionDensity(nn.Module):
         super().__init__()
         self.config = config
         self.latent_size = latent_size
+        self.context_size = context_size
         self.scale = LatentScale(latent_size)
         self.first = nn.Linear(2 * latent_size + context_size, config.width)
-        self.rest = nn.Sequential(nn.ReLU(), mlp([config.width, config.width, 1]))
+        self.rest = nn.Sequential(nn.ReLU(), mlp([config.width] * config.depth + [1]))
         self.log_density_quantiles = QuantileTable()
+
+    @property
+    def relative(self) -> bool:
+        """Whether the noise has no known density, since part of it is data."""
+        return self.config.near(self.context_size) + self.config.elsewhere(self.context_size) > 0
 
     def noise_std(self) -> Tensor:
         """Standard deviation [Z] of the noise about a transition's source."""
@@ -96,4 +109,4 @@ class TransitionDensity(nn.Module):
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
         """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data."""
         ratio = self.log_ratio(z, z_next, context)
-        return ratio if self.config.near else ratio + self.log_noise(z, z_next)
+        return ratio if self.relative else ratio + self.log_noise(z, z_next)

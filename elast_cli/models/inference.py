@@ -152,7 +152,7 @@ class LatentWorld:
         self._policy = PolicyCall(policy)
         self._first = DenseNetwork([_first_layer_as_network(density)])
         self._rest = DenseNetwork.of(density.rest)
-        self._relative = density.config.near > 0
+        self._relative = density.relative
         std = density.noise_std()
         self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from elast_cli.shapes import Int64
 
+Step = Callable[[Tensor, Tensor, Tensor], Tensor]  # z [M,Z], a [M,A], c [M,C] -> z' [M,Z]
+
 POOL = 6000  # latents among which each one's neighbours are looked for
 KEPT = 64  # neighbours of each
 FEWEST = 8  # that a neighbourhood holds, however far away they are
 FINEST = 0.05  # of the Gaussian's deviation, in what is added to neighbours
 PART = 512
+CROSSINGS, BEYOND = 0.4, 0.2  # shares of the noise from other contexts; the rest was seen there
+TRIES = 4  # of which the one that tells contexts apart the most is taken
 
 
 class Noise:
@@ -64,6 +71,78 @@ class Noise:
         move *= np.float32(FINEST) ** rng.random((half, len(rows), 1), dtype=np.float32)
         near[:half] += torch.from_numpy(move).to(near) * self.std
         return torch.cat([near, gaussian])
+
+
+@dataclass(frozen=True)
+class OtherContexts:
+    """Draws transitions that fit other contexts, to be told from those of a row's own.
+
+    A tree walks into an obstacle by the small errors of H_f, and goes on from there, where nothing
+    was ever seen. Telling data from noise in general teaches ψ hardly anything about obstacles;
+    this noise differs from data in nothing else. Of each row's
+
+    - two in five leave its latent as H_f has it in another context, and get farther than they would
+      in its own: of a few tries, the one where the two differ the most;
+    - one goes on from the end of such a one;
+    - the rest are true transitions of other episodes, most of which begin where its own context has
+      room, and some where it has none.
+
+    Attributes:
+        z, action, context: latents [N,Z], actions [N,A] and contexts [N,C] of all rows.
+        train: rows [M] at which transitions for training start.
+        step: H_f, or one of its members.
+        margin: how much farther, in latent units.
+        count: transitions to draw for each row.
+    """
+
+    z: Tensor
+    action: Tensor
+    context: Tensor
+    train: Tensor
+    step: Step
+    margin: float
+    count: int
+
+    @torch.no_grad()
+    def draw(self, rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """False transitions of `rows` [M]: sources and targets, each [count,M,Z]."""
+        crossings, beyond = round(CROSSINGS * self.count), round(BEYOND * self.count)
+        beyond = min(beyond, crossings)
+        sources: list[Tensor] = []
+        targets: list[Tensor] = []
+        for i in range(crossings):
+            far, elsewhere = self._crossing(rows, rng)
+            sources.append(self.z[rows])
+            targets.append(far)
+            if i < beyond:
+                sources.append(far)
+                targets.append(self.step(far, self.action[self._some(rows, rng)], elsewhere))
+        for _ in range(self.count - crossings - beyond):
+            other = self._some(rows, rng)
+            sources.append(self.z[other])
+            targets.append(self.z[other + 1])
+        return torch.stack(sources), torch.stack(targets)
+
+    def _some(self, rows: Tensor, rng: np.random.Generator) -> Tensor:
+        """As many random rows for training."""
+        pick = torch.from_numpy(rng.integers(len(self.train), size=len(rows)))
+        return self.train[pick.to(rows.device)]
+
+    def _crossing(self, rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """Where another context lets a row get farther [M,Z], and that context [M,C]."""
+        z, own_context = self.z[rows], self.context[rows]
+        best = torch.full((len(rows),), -1.0, device=z.device)
+        end, where = z.clone(), own_context.clone()
+        for _ in range(TRIES):
+            action = self.action[self._some(rows, rng)]
+            context = self.context[self._some(rows, rng)]
+            far, own = self.step(z, action, context), self.step(z, action, own_context)
+            farther = (far - z).norm(dim=1) > (own - z).norm(dim=1) + self.margin
+            gain = (far - own).norm(dim=1) * farther
+            better = gain > best
+            best = torch.where(better, gain, best)
+            end[better], where[better] = far[better], context[better]
+        return end, where
 
 
 def _neighbours(z: Tensor, train: Tensor, radius: float, rng: np.random.Generator) -> Tensor:

@@ -40,7 +40,8 @@ def present(env: str, roles: Sequence[str]) -> list[str]:
 
 def needs(env: str, role: str) -> list[str]:
     """What a role is made from, in the order in which it is made."""
-    return present(env, _NEEDS[role])
+    more = ("ensemble",) if role == "density" and has_context(env) else ()  # ψ's noise asks H_f
+    return present(env, _NEEDS[role] + more)
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:

@@ -12,7 +12,7 @@ from elast_cli.stages.resolve import ROLES, needs, present
 from elast_cli.stages.workers import each, relayed
 from elast_cli.store import Ref
 
-# what can be made at the same time once there is an encoder
+# what can be made at the same time once all is there that both need
 _BRANCHES = (("ensemble", "policy"), ("density",))
 
 
@@ -23,13 +23,13 @@ def make_models(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
     """
     needed = _closed(job.env, roles)
     made: dict[str, Ref] = {}
-    for role in ("dataset", "context", "encoder"):
-        if role in needed:
+    for role in needed:
+        if role in ("dataset", "context", "encoder", *needs(job.env, "density")):
             made[role] = _step(_after(job, made), role).carry_out()
     branches = [
         (_after(job, made), wanted)
         for branch in _BRANCHES
-        if (wanted := tuple(role for role in branch if role in needed))
+        if (wanted := tuple(role for role in branch if role in needed and role not in made))
     ]
     parallel = job.workers > 1 and len(branches) > 1 and not _all_made(branches)
     if not parallel:

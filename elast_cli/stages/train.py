@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from elast_cli.dataset import Dataset
+    from elast_cli.models.dynamics import DynamicsEnsemble
     from elast_cli.training import LatentData, Setting, Trained
 
 ALGORITHM_VERSION = 1
@@ -183,17 +184,23 @@ def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Set
     from elast_cli.training import train_density
 
     data = _encoded(job, inputs, dataset, setting)
-    return train_density(data, job.config.density, setting)
+    dynamics = _dynamics(job, inputs, setting) if "ensemble" in inputs else None
+    return train_density(data, job.config.density, setting, dynamics)
 
 
 def _policy(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.models.support import SupportedDynamics
     from elast_cli.training import train_policy
 
     data = _encoded(job, inputs, dataset, setting)
-    ensemble = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
-    assert isinstance(ensemble, SupportedDynamics)
-    return train_policy(data, ensemble.ensemble, job.config.policy, setting)
+    return train_policy(data, _dynamics(job, inputs, setting), job.config.policy, setting)
+
+
+def _dynamics(job: Job, inputs: Mapping[str, Ref], setting: Setting) -> DynamicsEnsemble:
+    from elast_cli.models.support import SupportedDynamics
+
+    model = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
+    assert isinstance(model, SupportedDynamics)
+    return model.ensemble
 
 
 def _encoded(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> LatentData:

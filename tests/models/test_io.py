@@ -241,7 +241,7 @@ def test_larger_sizes_than_the_weights_cost_no_memory(saved: Path) -> None:
 
 
 def test_a_model_of_another_kind_is_refused(saved: Path) -> None:
-    with pytest.raises(DataError, match="near_radius: unknown key"):
+    with pytest.raises(DataError, match="context_share: unknown key"):
         load_model(saved, "policy")
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from elast_cli.models import noise as module
-from elast_cli.models.noise import FEWEST, Noise
+from elast_cli.models.noise import FEWEST, Noise, OtherContexts
 
 RADIUS = 0.5
 
@@ -82,3 +82,44 @@ def test_the_same_seed_draws_the_same_also_from_few_latents(
     assert torch.equal(*draws)
     monkeypatch.setattr(module, "POOL", 10)  # fewer than are kept
     assert noise(sheet, near=4).draw(rows, np.random.default_rng(5)).shape == (8, 100, 3)
+
+
+def line_of_rooms(*, count: int) -> OtherContexts:
+    """Places 0, 0.1, ..., 0.9 of a line in 20 episodes; the context is where a wall stands.
+
+    Steps are 0.2 to the right, and end at the wall.
+    """
+    place = torch.linspace(0, 0.9, 10).repeat(20)[:, None]
+    wall = torch.linspace(0.05, 1, 20).repeat_interleave(10)[:, None]
+
+    def step(z: Tensor, action: Tensor, context: Tensor) -> Tensor:
+        return torch.where(z < context, torch.minimum(z + 0.2 * action, context), z)
+
+    inside = torch.arange(200)
+    train = inside[inside % 10 < 9]
+    action = torch.ones(200, 1)
+    return OtherContexts(place, action, wall, train, step, margin=0.01, count=count)
+
+
+def test_noise_of_other_contexts_crosses_walls_goes_on_beyond_them_and_was_seen_elsewhere() -> None:
+    others = line_of_rooms(count=10)
+    rows = torch.arange(0, 50, 10).repeat(40)  # the walls at 0.05 to 0.25, from 0
+    sources, targets = others.draw(rows, np.random.default_rng(0))
+    assert sources.shape == targets.shape == (10, 200, 1)
+    wall = others.context[rows]
+    crossing = [0, 2, 4, 5]
+    assert (sources[crossing] == others.z[rows]).all()
+    assert ((targets[crossing] > wall + 1e-6) | (wall > 0.19)).float().mean() > 0.9
+    beyond = [1, 3]
+    torch.testing.assert_close(sources[beyond], targets[[0, 2]])
+    assert (targets[beyond] >= sources[beyond]).all()
+    seen = targets[6:] - sources[6:]
+    torch.testing.assert_close(seen, torch.full_like(seen, 0.1))
+
+
+def test_noise_of_other_contexts_is_the_same_for_the_same_seed_and_for_training_alone() -> None:
+    others = line_of_rooms(count=5)
+    rows = torch.arange(30)
+    one, again = (others.draw(rows, np.random.default_rng(3)) for _ in range(2))
+    torch.testing.assert_close(one, again, rtol=0, atol=0)
+    assert (one[0][3:] < 0.85).all()  # no episode's last place starts a transition

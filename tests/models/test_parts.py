@@ -152,7 +152,9 @@ def test_the_density_is_relative_to_noise_from_data_and_absolute_otherwise() -> 
     z, z_next, _, context = items(5)
     ratio = psi.log_ratio(z, z_next, context)
     torch.testing.assert_close(psi(z, z_next, context), ratio)
-    psi.config = psi.config.model_copy(update={"near_share": 0.0})
+    psi.config = psi.config.model_copy(update={"near_share": 0.0, "context_share": 0.5})
+    torch.testing.assert_close(psi(z, z_next, context), ratio)
+    psi.config = psi.config.model_copy(update={"near_share": 0.0, "context_share": 0.0})
     torch.testing.assert_close(psi(z, z_next, context), ratio + psi.log_noise(z, z_next))
 
 
