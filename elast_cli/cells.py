@@ -18,6 +18,7 @@ from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 NONE = -1
 AXES = 2  # of the grid
 BLOCK = 16  # points
+MOST_BUCKETS = 18  # as a power of two: they are the only memory that is touched at once
 SLACK = 1e-5  # of a radius: float32 distances may round down to within it
 
 
@@ -51,7 +52,7 @@ def empty_cells(rows: int, points: int, *, axes: Float64, side: float) -> Cells:
     """Room for `points` in each of `rows`; `axes` [Z,D] may have fewer than two columns."""
     two = np.zeros((len(axes), AXES))
     two[:, : axes.shape[1]] = axes[:, :AXES]
-    buckets = 1 << max(4, int(points).bit_length())
+    buckets = 1 << min(max(4, int(points).bit_length()), MOST_BUCKETS)
     return Cells(  # at worst every point has a block of its own: memory that is hardly ever touched
         axes=two,
         side=np.array([side]),

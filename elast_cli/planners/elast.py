@@ -15,7 +15,6 @@ from elast_cli.planners import reuse, sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.reuse import Memory
 from elast_cli.planners.tree import Forest
-from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
@@ -111,12 +110,13 @@ class Search:
     """One batch of trees while it grows."""
 
     def __init__(self, planner: ElastPlanner, query: Query) -> None:
+        self.began = time.monotonic()
         self.world, self.config = planner.world(query.context), planner.config
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
         config, scenarios = self.config, len(query.start)
         self.tally = Tally.zero(scenarios)
-        self.draws = self._draw(scenarios)
+        self.draws = sampling.Draws(query.seed, tree.DIRECTION + self.world.action_size)
         self.later = np.array(
             [config.reuse and m is not None for m in query.memory or [None] * scenarios]
         )
@@ -146,12 +146,6 @@ class Search:
         self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
-
-    def _draw(self, scenarios: int) -> Float64:
-        """All random numbers of a plan [B,n,6+A], each row from its own generator."""
-        shape = (self.config.expansions, tree.DIRECTION + self.world.action_size)
-        seeds = self.query.seed
-        return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
     def _replanted(self, b: int, feature: Float32) -> Memory:
         """The tree of row b's plan before, hung from where it is now; one node without it."""
@@ -194,11 +188,10 @@ class Search:
         return warm if self._reaches(b, found) else self.config.expansions
 
     def run(self) -> None:
-        """Spend the budget of expansions, or of time."""
+        """Spend the budget of expansions, or of time since the search began."""
         seconds = self.config.time_budget or np.inf
-        began = time.monotonic()
         forest = self.forest
-        while time.monotonic() - began < seconds:
+        while time.monotonic() - self.began < seconds:
             open_ended = (forest.size < forest.capacity) & (self.sums[:, 1] > 0)
             rows = np.flatnonzero(open_ended & (self.done < self.budget))
             if not len(rows):
@@ -218,7 +211,7 @@ class Search:
         size = int(np.clip(self.done * config.batch_share, config.batch_min, config.batch_max))
         for stop in (config.replan_expansions, config.expansions):  # of any row, so of every row
             size = min(size, stop - self.done) if self.done < stop else size
-        draws = self.draws[rows, self.done : self.done + size]
+        draws = self.draws.take(size)[rows]
         self.done += size
         batch = self._propose(rows, draws)
         self._test(batch)

@@ -5,7 +5,32 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
+
+BLOCK = 4096  # expansions whose random numbers are drawn at once
+
+
+class Draws:
+    """Random numbers in [0, 1) for expansions, `each` of them for one, of B rows.
+
+    Each row has a generator of its own, and what it gives does not depend on how it is taken.
+    """
+
+    def __init__(self, seeds: Int64, each: int) -> None:
+        """Begin the streams of the rows' seeds [B]."""
+        self._streams = [generator("plan", int(seed)) for seed in seeds]
+        self._ready: Float64 = np.empty((len(seeds), 0, each))
+
+    def take(self, count: int) -> Float64:
+        """Those of the next `count` expansions [B,count,each]."""
+        missing = count - self._ready.shape[1]
+        if missing > 0:
+            shape = max(missing, BLOCK), self._ready.shape[2]
+            fresh = np.stack([stream.random(shape) for stream in self._streams])
+            self._ready = np.concatenate([self._ready, fresh], axis=1)
+        taken, self._ready = self._ready[:, :count], self._ready[:, count:]
+        return taken
 
 
 def no_weights(rows: int, nodes: int) -> Float64:

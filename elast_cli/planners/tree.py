@@ -28,7 +28,7 @@ class Forest(NamedTuple):
         parent: parent's index [B,N]; -1 at the root.
         depth: number of steps from the root [B,N].
         crowding: neighbours plus rejections [B,N]; sparse nodes have little of it.
-        child, after, before: linked lists of children [B,N]: first child, siblings.
+        child, after, before: linked lists of children [B,N]: first child, siblings; -1 is none.
         offer: scratch of `pick` [B,N], -1 outside of it.
         size: number of nodes [B].
         goal: [B,Z].
@@ -61,9 +61,14 @@ class Forest(NamedTuple):
 def plant(
     start: Float32, feature: Float32, goal: Float32, *, nodes: int, extra: int, actions: int
 ) -> Forest:
-    """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each."""
+    """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each.
+
+    Room that no node has come to is not touched, so it costs no memory.
+    """
     b, z = start.shape
-    links = [np.full((b, nodes), NONE, np.int32) for _ in range(5)]
+    links = [np.empty((b, nodes), np.int32) for _ in range(5)]
+    for link in links:
+        link[:, 0] = NONE
     forest = Forest(
         latent=np.zeros((b, nodes, z), np.float32),
         feature=np.zeros((b, nodes + extra, feature.shape[1]), np.float32),
@@ -77,7 +82,7 @@ def plant(
         offer=links[4],
         size=np.ones(b, np.int64),
         goal=np.ascontiguousarray(goal),
-        to_goal=np.full((b, nodes), np.inf, np.float32),
+        to_goal=np.empty((b, nodes), np.float32),
         nearest=np.zeros(b, np.int64),
         nearest_distance=np.linalg.norm(start - goal, axis=1).astype(np.float32),
     )
@@ -185,6 +190,8 @@ def _note_goal(forest: Forest, b: int, i: int) -> None:
 def link(forest: Forest, b: int, parent: Int32) -> None:
     """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal."""
     for i in range(len(parent)):
+        forest.child[b, i] = forest.offer[b, i] = NONE
+    for i in range(len(parent)):
         if parent[i] != NONE:
             _attach(forest, b, i, parent[i])
         _note_goal(forest, b, i)
@@ -218,6 +225,7 @@ def insert(
             forest.feature[b, i] = forest.feature[b, capacity + k]
             forest.action[b, i] = action[r, k]
             forest.depth[b, i] = forest.depth[b, parent[r, k]] + 1
+            forest.child[b, i] = forest.offer[b, i] = NONE
             _attach(forest, b, i, parent[r, k])
             _note_goal(forest, b, i)
     return index

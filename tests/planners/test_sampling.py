@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elast_cli.planners import sampling
+from elast_cli.seeding import generator
 from elast_cli.shapes import Float64, Int32
 
 ROWS = np.zeros(1, np.int64)
@@ -99,3 +100,12 @@ def test_a_node_without_weight_stays_so_however_crowded() -> None:
     counts = np.zeros((1, 2), np.int32)
     crowd(sums, counts, np.array([0, 1], np.int32), 1.0)
     assert (counts.tolist(), sums[0, 1]) == ([[1, 1]], 0.5)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.integers(1, 3 * sampling.BLOCK // 2), min_size=1, max_size=6))
+def test_random_numbers_do_not_depend_on_how_they_are_taken(counts: list[int]) -> None:
+    draws = sampling.Draws(np.array([5, 6]), 3)
+    found = np.concatenate([draws.take(count) for count in counts], axis=1)
+    for b, seed in enumerate((5, 6)):
+        np.testing.assert_array_equal(found[b], generator("plan", seed).random((found.shape[1], 3)))
