@@ -23,10 +23,11 @@ CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
 class TreeConfig(StrictModel):
     """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
 
-    `max_nodes` bounds a tree's memory: a full tree stops, and is not reused in vain. A
-    `time_budget` in seconds stops all trees; which plan it leaves depends on the machine. With
-    `reuse`, replanning starts from the tree of the plan before, and spends `replan_expansions`
-    once that reaches the goal.
+    `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
+    trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
+    tree of the plan before, and spends `replan_expansions` once that reaches the goal. It keeps no
+    more than `max_nodes`, or twice `expansions`, of that tree; one that does not reach the goal
+    and leaves less than half of this free gives way to a new one.
 
     π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
@@ -170,22 +171,15 @@ class Search:
         action, admissible = self._round_trip(start, memory.latent[near], row)
         found = reuse.transplant(memory, root, feature, near[admissible], action[admissible])
         room = self.config.max_nodes or 2 * self.config.expansions  # bounds an episode's memory
-        if len(found.depth) >= room and not self._reaches(b, found):
-            return reuse.alone(root, feature, self.world.action_size)  # it could not grow
-        return found
-
-    def _reaches(self, b: int, found: Memory) -> bool:
-        """Whether a tree, as far as there is room for it, reaches the goal of row b."""
-        latent = found.latent[: self.config.max_nodes]
-        nearest: float = tree.lengths(latent - self.query.goal[b]).min()
-        return nearest <= self.radii.goal
+        return reuse.fitted(found, self.query.goal[b], self.radii.goal, room)
 
     def _budget(self, b: int, found: Memory) -> int:
         """Expansions of row b: few where the tree that is there already reaches the goal."""
         if len(found.depth) == 1:
             return self.config.expansions
         warm = min(self.config.replan_expansions, self.config.expansions)
-        return warm if self._reaches(b, found) else self.config.expansions
+        reached = reuse.reaches(found, self.query.goal[b], self.radii.goal)
+        return warm if reached else self.config.expansions
 
     def run(self) -> None:
         """Spend the budget of expansions, or of time since the search began."""

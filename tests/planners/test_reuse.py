@@ -156,6 +156,21 @@ def test_a_restored_tree_is_the_remembered_one_as_far_as_there_is_room() -> None
         assert forest.nearest.tolist() == [gap.argmin()]
 
 
+def test_a_tree_is_kept_as_far_as_it_is_worth_growing() -> None:
+    memory = hung(tree_of([NONE, 0, 1, 2, 3, 4]), np.array([0]))  # nodes at -1, 0, 1, ..., 5
+    near, far = np.array([1.2, 0], np.float32), np.array([5, 0], np.float32)
+
+    def kept(goal: Float32, room: int) -> int:
+        return len(reuse.fitted(memory, goal, 0.5, room).depth)
+
+    assert kept(near, 4) == 4  # cut to its cheapest nodes
+    assert kept(near, 2) == 1  # these do not reach the goal
+    assert kept(far, 7) == 7
+    assert kept(far, 6) == 1
+    assert kept(np.array([9, 0], np.float32), 13) == 1
+    assert kept(np.array([9, 0], np.float32), 14) == 7
+
+
 # ---- failed transitions -------------------------------------------------------------------------
 
 
@@ -305,7 +320,7 @@ def test_a_replanned_search_spends_little_where_the_old_tree_reaches_the_goal() 
 def test_replanning_never_spends_more_than_planning(replan: int) -> None:
     query = problems(2)
     plan = grown(query, expansions=3000).best_plan()
-    search = grown(later(query, plan), expansions=100, replan_expansions=replan)
+    search = grown(later(query, plan), expansions=100, replan_expansions=replan, max_nodes=5000)
     assert spent(search).tolist() == [min(100, replan)] * 2
 
 
@@ -338,3 +353,30 @@ def test_a_full_tree_that_does_not_reach_the_goal_gives_way_to_a_new_one() -> No
     again = replace(query, memory=plan.memory, seed=query.seed + 1)
     search = grown(again, **config)
     assert (spent(search) > 0).all()
+
+
+def test_a_nearly_full_tree_that_does_not_reach_the_goal_gives_way_as_the_start_moves() -> None:
+    query = replace(problems(3), context=np.full((3, 1), 9, np.float32))  # no door
+    config: dict[str, Any] = {"expansions": 4000, "max_nodes": 300}
+    plan = grown(query, **config).best_plan()
+    for step in range(1, 5):
+        query = later(query, plan, steps=0)
+        search = grown(query, **config)
+        assert (spent(search) >= 150).all(), step
+        plan = search.best_plan()
+        assert not plan.reached.any()
+
+
+def test_an_episodes_memory_is_bounded() -> None:
+    query = problems(2)
+    config: dict[str, Any] = {"expansions": 1500, "replan_expansions": 600, "prune": False}
+    plan = grown(query, **config).best_plan()
+    sizes = []
+    for _ in range(8):
+        assert plan.reached.all()
+        query = later(query, plan, steps=0)
+        search = grown(query, **config)
+        sizes.append(search.forest.size.max())
+        plan = search.best_plan()
+    assert max(sizes) > 3000  # it was cut
+    assert max(sizes) <= 3000 + 600
