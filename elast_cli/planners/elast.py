@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from elast_cli import cells
 from elast_cli.config import StrictModel
-from elast_cli.planners import reuse, sampling, tree
+from elast_cli.planners import mates, reuse, sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.reuse import Memory
 from elast_cli.planners.tree import Forest
@@ -252,8 +252,12 @@ class Search:
         tree.count(self.tally.policy, row[steered], 1)
 
     def _test(self, batch: Batch) -> None:
-        """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
+        """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first.
+
+        Mates are compared last, so that no candidate gives way to one that is not inserted.
+        """
         forest, limits, alive = self.forest, self.limits, batch.alive
+        cost = forest.depth[batch.rows[:, None], batch.parent] + 1
         cells.drop_copies(
             self.cells,
             batch.rows,
@@ -261,7 +265,7 @@ class Search:
             alive,
             self.radii.duplicate,
             forest.depth,
-            forest.depth[batch.rows[:, None], batch.parent] + 1,
+            cost,
         )
         r, k = np.nonzero(alive)
         z = batch.latent[r, k]
@@ -273,6 +277,7 @@ class Search:
         forest.feature[row, slot] = self.world.features(z, row)
         if limits.min_log_density > -np.inf:
             alive[r, k] = self._likely(row, batch.parent[r, k], slot)
+        mates.drop_copies(batch.latent, alive, cost, self.radii.duplicate)
 
     def _likely(self, row: Int64 | Int32, source: Int32, target: Int64 | Int32) -> Bool:
         """Whether ψ finds the edges likely [P]."""
@@ -289,7 +294,7 @@ class Search:
         before = forest.size.copy()
         new = tree.insert(forest, batch.rows, batch.latent, batch.alive, batch.parent, batch.action)
         self._admit(before)
-        edges, gap = tree.edges_around(pairs, gaps, new)
+        edges, gap = tree.edges_around(pairs, gaps, new, forest.capacity)
         likely: Bool | None = None
         counts = self.sums, forest.crowding, self.weights
         counted = edges, gap
@@ -306,7 +311,10 @@ class Search:
             tree.prune(forest, batch.rows, self.sums, self.weights, goal, longest)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
-        """Pairs (row, k, node) [3,P] of live candidates and nodes within r_neigh; squared gaps."""
+        """Pairs (row, k, node) [3,P] within r_neigh of live candidates, and their squared gaps.
+
+        Pairs with nodes of the trees come first, then those of mates: mate j is node N + j.
+        """
         while True:
             found = cells.find_pairs(
                 self.cells,
@@ -316,6 +324,16 @@ class Search:
                 self.radii.neighbor,
                 self.pairs,
                 self.gaps,
+            )
+            found = mates.add_pairs(
+                batch.rows,
+                batch.latent,
+                batch.alive,
+                self.radii.neighbor,
+                self.forest.capacity,
+                self.pairs,
+                self.gaps,
+                found,
             )
             if found <= len(self.gaps):
                 return self.pairs[:, :found], self.gaps[:found]

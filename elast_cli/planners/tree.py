@@ -232,29 +232,40 @@ def insert(
 
 
 @njit(cache=True, nogil=True)
-def edges_around(pairs: Int32, gaps: Float32, index: Int32) -> tuple[Int32, Float32]:
+def _place(index: Int32, row: int, node: int, capacity: int) -> int:
+    """The index of a node: its own, or where candidate `node` - N went."""
+    return index[row, node - capacity] if node >= capacity else node
+
+
+@njit(cache=True, nogil=True)
+def edges_around(pairs: Int32, gaps: Float32, index: Int32, capacity: int) -> tuple[Int32, Float32]:
     """Edges (row, source, target) [3,2P] into inserted candidates, then the same reversed.
 
     Args:
-        pairs: (row, k, node) [3,P'] of candidates and nodes near by; those not inserted drop out.
+        pairs: (row, k, node) [3,P'] of candidates and nodes near by, where N + j is candidate j;
+            pairs of which one is not in the tree drop out.
         gaps: their squared lengths [P'].
         index: where candidates went [B,K].
+        capacity: most nodes of a tree, N.
 
     Returns:
         The edges and their squared lengths [2P].
     """
     count = 0
     for p in range(len(gaps)):
-        count += index[pairs[0, p], pairs[1, p]] != NONE
+        b = pairs[0, p]
+        other = _place(index, b, pairs[2, p], capacity)
+        count += index[b, pairs[1, p]] != NONE and other != NONE
     edges = np.empty((3, 2 * count), np.int32)
     gap = np.empty(2 * count, np.float32)
     into = 0
     for p in range(len(gaps)):
-        new = index[pairs[0, p], pairs[1, p]]
-        if new != NONE:
+        b = pairs[0, p]
+        new, other = index[b, pairs[1, p]], _place(index, b, pairs[2, p], capacity)
+        if new != NONE and other != NONE:
             out_of = into + count
-            edges[0, into] = edges[0, out_of] = pairs[0, p]
-            edges[1, into] = edges[2, out_of] = pairs[2, p]
+            edges[0, into] = edges[0, out_of] = b
+            edges[1, into] = edges[2, out_of] = other
             edges[2, into] = edges[1, out_of] = new
             gap[into] = gap[out_of] = gaps[p]
             into += 1

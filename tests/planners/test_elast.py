@@ -267,12 +267,28 @@ def test_a_rejected_expansion_crowds_its_node() -> None:
     assert plain.forest.crowding[:, 0].tolist() == [0, 0]
 
 
-def test_crowding_counts_the_nodes_within_its_radius() -> None:
-    search = grown(problems(1), expansions=300, batch_min=1, batch_max=1, count_rejections=False)
-    latent = search.forest.latent[0, : search.forest.size[0]].astype(np.float64)
-    gap = np.linalg.norm(latent[:, None] - latent, axis=2)
-    within = (gap <= RADII.crowding).sum(1) - 1  # not itself
-    np.testing.assert_array_equal(search.forest.crowding[0, : len(latent)], within)
+@pytest.mark.parametrize("batch", [1, 64])
+def test_crowding_counts_the_nodes_within_its_radius(batch: int) -> None:
+    sizes: dict[str, Any] = {"batch_min": batch, "batch_max": batch}
+    search = grown(problems(2), expansions=320, **sizes, count_rejections=False)
+    for b in range(2):
+        latent = search.forest.latent[b, : search.forest.size[b]].astype(np.float64)
+        gap = np.linalg.norm(latent[:, None] - latent, axis=2)
+        within = (gap <= RADII.crowding).sum(1) - 1  # not itself
+        np.testing.assert_array_equal(search.forest.crowding[b, : len(latent)], within)
+
+
+@pytest.mark.parametrize("batch", [1, 128])
+def test_no_node_is_a_copy_of_one_that_is_no_costlier(batch: int) -> None:
+    radii = replace(RADII, duplicate=0.05)
+    sizes: dict[str, Any] = {"batch_min": batch, "batch_max": batch}
+    search = grown(problems(2), expansions=1024, **sizes, rewire=False, radii=radii)
+    for b in range(2):
+        size = search.forest.size[b]
+        latent, depth = search.forest.latent[b, :size], search.forest.depth[b, :size]
+        near = np.linalg.norm(latent[:, None] - latent, axis=2) < radii.duplicate * (1 - 1e-4)
+        later, earlier = np.nonzero(np.tril(near, -1))
+        assert (depth[earlier] > depth[later]).all()
 
 
 def test_reachable_crowding_counts_who_can_come_in() -> None:

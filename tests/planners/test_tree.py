@@ -175,6 +175,14 @@ def test_an_edge_that_failed_a_test_is_not_taken() -> None:
 def test_edges_around_new_nodes_lead_in_and_out_again() -> None:
     pairs = np.array([[0, 1, 1], [0, 0, 1], [4, 5, 6]], np.int32)  # row, candidate, node
     index = np.array([[7, NONE], [NONE, 9]], np.int32)
-    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index)
+    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
     assert edges.tolist() == [[0, 1, 0, 1], [4, 6, 7, 9], [7, 9, 4, 6]]
     np.testing.assert_allclose(gap, [0.1, 0.3, 0.1, 0.3])
+
+
+def test_edges_between_mates_lead_where_both_went() -> None:
+    pairs = np.array([[0, 0, 0], [1, 2, 2], [50, 50, 51]], np.int32)  # row, candidate, 50 + mate
+    index = np.array([[7, NONE, 8]], np.int32)
+    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
+    assert edges.tolist() == [[0, 0], [7, 8], [8, 7]]
+    np.testing.assert_allclose(gap, [0.2, 0.2])
