@@ -38,7 +38,7 @@ class Models:
     policy: LocalPolicy
 
 
-LONGEST_QUANTILE = 0.99  # of the lengths of observed steps: the very longest are outliers
+LONGEST_MARGIN = 1.05  # over the longest observed step: no step is thought to be longer
 Build = Callable[["Models", "Preset", str, int], "Controller[Any]"]
 
 
@@ -137,7 +137,7 @@ def radii(models: Models, config: TreeConfig) -> Radii:
         crowding=crowding,
         failure=config.failure_steps * median,
         duplicate=config.duplicate_steps * median,
-        longest=models.encoder.step_length(LONGEST_QUANTILE),
+        longest=LONGEST_MARGIN * models.encoder.step_length(1.0),
     )
 
 

@@ -230,6 +230,7 @@ def test_limits_and_radii_are_quantiles_of_observed_transitions(
     lengths = radii(models, config)
     assert (lengths.neighbor, lengths.goal) == pytest.approx((0.75, 1.0))
     assert (lengths.crowding, lengths.duplicate) == pytest.approx((0.25, 0.1))
+    assert lengths.longest == pytest.approx(1.05)  # no observed step was longer than 1
 
 
 def test_a_test_that_is_off_has_an_infinite_limit(folders: dict[str, Path], tiny: Preset) -> None:

@@ -31,7 +31,8 @@ class TreeConfig(StrictModel):
 
     π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
-    chosen for being sparse, and a tree without any others stops.
+    chosen for being sparse, and a tree without any others stops. It takes for granted that no step
+    is longer than `Radii.longest`, which for trained models is a little more than any observed.
     """
 
     expansions: int = Field(default=12_000, ge=1)

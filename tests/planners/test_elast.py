@@ -452,6 +452,30 @@ def test_only_what_cannot_shorten_the_path_is_pruned(
         np.testing.assert_array_equal(weighted, forest.depth[b, :size] + ahead < cost)
 
 
+def steps_to(goal: Float32, z: Float32, radius: float) -> int:
+    """The least number of steps from z [2] to within `radius` of `goal` [2], without walls."""
+    beyond = np.abs(goal.astype(np.float64) - z)
+    return next(n for n in range(99) if np.linalg.norm((beyond - n * REACH).clip(0)) <= radius)
+
+
+@law
+@given(seeds, configs, st.floats(0.02, 0.2))
+def test_no_pruned_node_could_have_shortened_the_path(
+    seed: int, config: dict[str, Any], goal: float
+) -> None:
+    query = problems(2, seed)
+    query = replace(query, context=np.zeros_like(query.context))  # no wind
+    radii = replace(RADII, goal=goal, longest=np.sqrt(2) * REACH)
+    search = grown(query, Box(wall=False), radii=radii, **config | {"prune": True})
+    forest, leaves = search.forest, search.sums.shape[1] // 2
+    for b in range(2):
+        latent, depth = (x[b, : forest.size[b]] for x in (forest.latent, forest.depth))
+        cost = depth[np.linalg.norm(latent - query.goal[b], axis=1) <= goal].min(initial=999)
+        for i in np.flatnonzero(search.sums[b, leaves : leaves + len(depth)] == 0):
+            expanded = max(1, steps_to(query.goal[b], latent[i], goal - 1e-4))
+            assert depth[i] + expanded >= cost
+
+
 def test_a_tree_that_cannot_do_better_stops() -> None:
     query = problems(2)
     start = query.goal + np.float32(0.5 * RADII.goal)
