@@ -8,6 +8,7 @@ from numba import njit
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
+LEAST_WEIGHT = 1e-300
 BLOCK = 4096  # expansions whose random numbers are drawn at once
 
 
@@ -104,9 +105,10 @@ def admit(sums: Float64, first: Int64, last: Int64) -> None:
 def weight_table(exponent: float) -> Float64:
     """Weights [C] of nodes that 0, 1, ... others crowd: (1 + crowding)^-exponent (Sec. 4.3).
 
-    Whatever is more crowded than the table is long weighs as its last entry.
+    Whatever is more crowded than the table is long weighs as its last entry. No entry is 0, since a
+    node without weight is a pruned one.
     """
-    weights: Float64 = np.power(np.arange(1.0, 1 + (1 << 12)), -exponent)
+    weights: Float64 = np.maximum(np.power(np.arange(1.0, 1 + (1 << 12)), -exponent), LEAST_WEIGHT)
     return weights
 
 

@@ -476,6 +476,13 @@ def test_no_pruned_node_could_have_shortened_the_path(
             assert depth[i] + expanded >= cost
 
 
+def test_crowded_nodes_are_not_taken_for_pruned_ones() -> None:
+    search = grown(problems(2), expansions=400, sparse_exponent=400.0, prune=False)
+    leaves = search.sums.shape[1] // 2
+    for b in range(2):
+        assert (search.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
+
+
 def test_a_tree_that_cannot_do_better_stops() -> None:
     query = problems(2)
     start = query.goal + np.float32(0.5 * RADII.goal)

@@ -109,3 +109,13 @@ def test_random_numbers_do_not_depend_on_how_they_are_taken(counts: list[int]) -
     found = np.concatenate([draws.take(count) for count in counts], axis=1)
     for b, seed in enumerate((5, 6)):
         np.testing.assert_array_equal(found[b], generator("plan", seed).random((found.shape[1], 3)))
+
+
+def test_no_crowding_takes_the_whole_weight_of_a_node() -> None:
+    weights = sampling.weight_table(400.0)
+    assert (weights > 0).all()
+    assert (np.diff(weights) <= 0).all()
+    sums = sums_of([9, 50], 400.0)
+    assert (sums[0, sums.shape[1] // 2 :][:2] > 0).all()
+    draws = np.array([[[0.0, 0.1], [0.0, 0.9]]])
+    assert choose(sums, 2, draws, (0.0, 1.0)).tolist() == [0, 1]
