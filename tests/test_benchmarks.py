@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import profiling, rrt_star
+from benchmarks import growth, profiling, rrt_star
 from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
@@ -123,6 +123,11 @@ def test_the_serial_search_rewires_and_keeps_its_bounds() -> None:
         planned(1, crowding="reachable")
 
 
+def test_an_exponent_is_the_slope_between_logarithms() -> None:
+    assert growth.exponent([10, 100, 1000], [2.0, 8.0, 32.0]) == pytest.approx(np.log10(4))
+    assert growth.exponent([5.0, 5.0], [1.0, 2.0]) is None
+
+
 # --- the document --------------------------------------------------------------------------------
 
 FIGURES = (
@@ -174,7 +179,7 @@ def test_without_ompl_the_table_says_so(monkeypatch: pytest.MonkeyPatch, tmp_pat
 @pytest.mark.slow
 def test_every_measurement_runs_on_models_that_it_trains_itself(tmp_path: Path) -> None:
     bench = Bench(TINY, quick=True, home=tmp_path / "home")
-    names = {"batch": 4, "arithmetic": 2, "growth": 1, "replanning": 1, "training": 4}
+    names = {"batch": 4, "arithmetic": 2, "growth": 2, "replanning": 1, "training": 4}
     document = command.measure(bench, list(names))
     counts = [figure.measurement for figure in document.figures]
     assert {name: counts.count(name) for name in names} == names
