@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import growth, profiling, rrt_star
+from benchmarks import budgets, growth, profiling, rrt_star
 from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
+from elast_cli.envs import spec
 from elast_cli.planners.base import Limits, Plan, Query, Radii
 from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
 from elast_cli.shapes import Float32
@@ -133,6 +134,15 @@ def test_the_serial_search_rewires_and_keeps_its_bounds() -> None:
 def test_an_exponent_is_the_slope_between_logarithms() -> None:
     assert growth.exponent([10, 100, 1000], [2.0, 8.0, 32.0]) == pytest.approx(np.log10(4))
     assert growth.exponent([5.0, 5.0], [1.0, 2.0]) is None
+
+
+def test_budgets_are_about_what_plans_cost() -> None:
+    assert budgets.settings("elast", 20_000)[0] == "planner.expansions=2962"  # of 2962.96
+    assert budgets.settings("cpc-cem", 20_000) == ["cem.num_samples=66", "cem.topk=6"]
+    row = {"env": "block-s", "level": "hard", "steps": 7, "network_calls_per_step": 3.0}
+    assert budgets.transitions(row) == 21
+    most = spec("block-s").env_class.level("hard").max_steps
+    assert budgets.transitions(row | {"steps": None}) == 3 * most
 
 
 # --- the document --------------------------------------------------------------------------------
