@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import budgets, growth, profiling, rrt_star
+from benchmarks import budgets, collection, growth, profiling, rrt_star
 from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
@@ -39,6 +39,9 @@ TINY = replace(
     growth=(30, 60),
     episodes=1,
     steps=5,
+    collect={"block-s": 500},
+    nodes=300,
+    trees=2,
 )
 
 
@@ -205,3 +208,18 @@ def test_every_measurement_runs_on_models_that_it_trains_itself(tmp_path: Path) 
     again = Bench(TINY, home=tmp_path / "home")
     assert again.refs == bench.refs
     assert not list((tmp_path / "home/data/block-s/dataset").glob("v2"))
+
+
+@pytest.mark.slow
+def test_collection_is_measured(tmp_path: Path) -> None:
+    (figure,) = collection.figures(Bench(TINY, home=tmp_path))
+    assert figure.ratio is not None
+    assert figure.ratio > 0
+
+
+def test_rrt_star_is_measured_where_it_is_installed(tmp_path: Path) -> None:
+    pytest.importorskip("ompl")
+    cost, rate = rrt_star.figures(Bench(TINY, home=tmp_path))
+    assert cost.facts["nodes"] == 300
+    assert rate.ratio is not None
+    assert rate.ratio > 0
