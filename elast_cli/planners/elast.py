@@ -14,6 +14,7 @@ from elast_cli.config import StrictModel
 from elast_cli.planners import mates, reuse, sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.reuse import Memory
+from elast_cli.planners.sampling import Sparsity
 from elast_cli.planners.tree import Forest
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
@@ -141,10 +142,12 @@ class Search:
         self.cells = cells.empty_cells(
             scenarios, nodes, axes=self.world.axes, side=self.radii.neighbor / CELLS_PER_RADIUS
         )
-        self.sums = sampling.no_weights(scenarios, nodes)
+        self.sparsity = Sparsity(
+            sampling.no_weights(scenarios, nodes),
+            self.forest.crowding,
+            sampling.weight_table(config.sparse_exponent),
+        )
         self._admit(np.zeros(scenarios, np.int64))
-        self.weights = sampling.weight_table(config.sparse_exponent)
-        sampling.weigh(self.sums, self.forest.crowding, self.weights, self.forest.size)
         self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
@@ -187,7 +190,7 @@ class Search:
         seconds = self.config.time_budget or np.inf
         forest = self.forest
         while time.monotonic() - self.began < seconds:
-            open_ended = (forest.size < forest.capacity) & (self.sums[:, 1] > 0)
+            open_ended = (forest.size < forest.capacity) & (self.sparsity.sums[:, 1] > 0)
             rows = np.flatnonzero(open_ended & (self.done < self.budget))
             if not len(rows):
                 break
@@ -216,7 +219,9 @@ class Search:
         """Choose nodes to expand and actions, and predict where they lead (Fig. 4 a, b)."""
         config, forest = self.config, self.forest
         shares = (config.p_uniform, config.p_sparse)
-        parent = sampling.choose(self.sums, rows, forest.size, forest.nearest, draws, shares)
+        parent = sampling.choose(
+            self.sparsity.sums, rows, forest.size, forest.nearest, draws, shares
+        )
         z, action = tree.propose(
             forest,
             rows,
@@ -245,7 +250,7 @@ class Search:
         target = forest.goal[row[steered]]
         for m in np.flatnonzero(chance[steered] >= config.steer_goal):
             b, where = row[steered][m], draws[steered, 5][m]
-            target[m] = forest.latent[b, sampling.draw(self.sums[b], where)]
+            target[m] = forest.latent[b, sampling.draw(self.sparsity.sums[b], where)]
         here = z[steered]
         step = target - here
         step *= np.minimum(1, reach / np.maximum(tree.lengths(step), 1e-9))[:, None]
@@ -297,19 +302,18 @@ class Search:
         self._admit(before)
         edges, gap = tree.edges_around(pairs, gaps, new, forest.capacity)
         likely: Bool | None = None
-        counts = self.sums, forest.crowding, self.weights
         counted = edges, gap
         if config.crowding == "reachable" and self.limits.min_log_density > -np.inf:
             likely = self._likely(*edges)
             counted = edges[:, likely], gap[likely]
-        sampling.crowd_along(*counts, *counted, self.radii.crowding**2)
+        sampling.crowd_along(self.sparsity, *counted, self.radii.crowding**2)
         if config.count_rejections:
-            sampling.crowd_rejected(*counts, batch.rows, batch.alive, batch.parent)
+            sampling.crowd_rejected(self.sparsity, batch.rows, batch.alive, batch.parent)
         if config.rewire:
             self._offer(edges, gap, likely)
         if config.prune:
             goal, longest = self.radii.goal, self.radii.longest
-            tree.prune(forest, batch.rows, self.sums, self.weights, goal, longest)
+            sampling.prune(self.sparsity, forest, batch.rows, goal, longest)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
         """Pairs (row, k, node) [3,P] within r_neigh of live candidates, and their squared gaps.
@@ -344,7 +348,7 @@ class Search:
     def _admit(self, before: Int64) -> None:
         """Let the nodes added since sizes were `before` [B] be found and drawn."""
         cells.add(self.cells, self.forest.latent, before, self.forest.size)
-        sampling.admit(self.sums, before, self.forest.size)
+        sampling.admit(self.sparsity, before, self.forest.size)
 
     def _offer(self, edges: Int32, gap: Float32, likely: Bool | None) -> None:
         """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first.
@@ -370,12 +374,9 @@ class Search:
                 passed = self._likely(row, source, target)
                 row, source, target = row[passed], source[passed], target[passed]
             if len(row):
-                action, admissible = self._connect(row, source, target)
+                ends = tree.ends(forest, row, source, target)
+                action, admissible = self._round_trip(*ends)
                 tree.rewire(forest, row, source, target, action, admissible)
-
-    def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
-        """π's action along each edge [P,A], and whether H_f under it surely leads there [P]."""
-        return self._round_trip(*tree.ends(self.forest, row, source, target))
 
     def _failed(self, z: Float32, z_next: Float32, row: Int64) -> Bool:
         """Which transitions [M] resemble one that execution has tried in vain."""

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from elast_cli.planners.sampling import set_weight
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 NONE = -1
@@ -368,39 +367,6 @@ def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, mo
             gap += step * step
         out[m] = np.sqrt(gap) <= radius and variance[m] <= most
     return out
-
-
-@njit(cache=True, nogil=True)
-def prune(
-    forest: Forest, rows: Int64, sums: Float64, weights: Float64, radius: float, longest: float
-) -> None:
-    """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
-
-    A path through a node costs its depth and at least as many steps as fit into its distance to
-    the goal's region. Nothing is taken from trees that have not reached it.
-
-    Args:
-        forest: the trees.
-        rows: which of them [R].
-        sums: the weights [B,2L] (see `sampling`).
-        weights: a node's weight by its crowding [C].
-        radius: of the goal's region.
-        longest: length of a step.
-    """
-    leaves = sums.shape[1] // 2
-    for b in rows:
-        if forest.nearest_distance[b] > radius:
-            continue
-        cost = forest.depth[b, forest.nearest[b]]
-        for i in range(forest.size[b]):
-            if forest.to_goal[b, i] <= radius:
-                cost = min(cost, forest.depth[b, i])
-        for i in range(forest.size[b]):
-            ahead = max(np.ceil((forest.to_goal[b, i] - radius) / longest), 1)
-            useful = forest.depth[b, i] + ahead < cost
-            if useful != (sums[b, leaves + i] > 0):
-                crowding = min(forest.crowding[b, i], len(weights) - 1)
-                set_weight(sums[b], i, weights[crowding] if useful else 0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -437,12 +437,12 @@ def test_only_what_cannot_shorten_the_path_is_pruned(
     seed: int, config: dict[str, Any], world: Box, radii: Radii
 ) -> None:
     search = grown(problems(2, seed), world, radii=radii, **config | {"prune": True})
-    forest, leaves = search.forest, search.sums.shape[1] // 2
+    forest, leaves = search.forest, search.sparsity.sums.shape[1] // 2
     for b in range(2):
         size = forest.size[b]
         far = np.linalg.norm(forest.latent[b, :size] - forest.goal[b], axis=1)
         np.testing.assert_allclose(forest.to_goal[b, :size], far, rtol=1e-5)
-        weighted = search.sums[b, leaves : leaves + size] > 0
+        weighted = search.sparsity.sums[b, leaves : leaves + size] > 0
         inside = forest.to_goal[b, :size] <= radii.goal
         if not inside.any():
             assert weighted.all()
@@ -467,20 +467,20 @@ def test_no_pruned_node_could_have_shortened_the_path(
     query = replace(query, context=np.zeros_like(query.context))  # no wind
     radii = replace(RADII, goal=goal, longest=np.sqrt(2) * REACH)
     search = grown(query, Box(wall=False), radii=radii, **config | {"prune": True})
-    forest, leaves = search.forest, search.sums.shape[1] // 2
+    forest, leaves = search.forest, search.sparsity.sums.shape[1] // 2
     for b in range(2):
         latent, depth = (x[b, : forest.size[b]] for x in (forest.latent, forest.depth))
         cost = depth[np.linalg.norm(latent - query.goal[b], axis=1) <= goal].min(initial=999)
-        for i in np.flatnonzero(search.sums[b, leaves : leaves + len(depth)] == 0):
+        for i in np.flatnonzero(search.sparsity.sums[b, leaves : leaves + len(depth)] == 0):
             expanded = max(1, steps_to(query.goal[b], latent[i], goal - 1e-4))
             assert depth[i] + expanded >= cost
 
 
 def test_crowded_nodes_are_not_taken_for_pruned_ones() -> None:
     search = grown(problems(2), expansions=400, sparse_exponent=400.0, prune=False)
-    leaves = search.sums.shape[1] // 2
+    leaves = search.sparsity.sums.shape[1] // 2
     for b in range(2):
-        assert (search.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
+        assert (search.sparsity.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
 
 
 def test_a_tree_that_cannot_do_better_stops() -> None:

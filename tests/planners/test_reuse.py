@@ -332,7 +332,7 @@ def test_crowded_nodes_of_the_old_tree_are_seldom_drawn() -> None:
     for b in range(2):
         crowding = search.forest.crowding[b, : search.forest.size[b]]
         assert crowding.max() > 5
-        leaves = search.sums[b, search.sums.shape[1] // 2 :][: len(crowding)]
+        leaves = search.sparsity.sums[b, search.sparsity.sums.shape[1] // 2 :][: len(crowding)]
         np.testing.assert_allclose(leaves, (1.0 + crowding) ** -2)
 
 
