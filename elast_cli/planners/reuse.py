@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from elast_cli.cells import NONE
 from elast_cli.planners import tree
-from elast_cli.planners.tree import NONE, Forest
+from elast_cli.planners.tree import Forest
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from elast_cli.cells import NONE
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
-NONE = -1
 DIRECTION = 6  # where in a candidate's random numbers those of its direction begin
 
 

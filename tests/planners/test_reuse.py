@@ -11,11 +11,11 @@ from test_elast import LIMITS, RADII, grown, worlds
 from test_tree import assert_sound
 from toy import Box, only, problems
 
+from elast_cli.cells import NONE
 from elast_cli.planners import reuse, tree
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
 from elast_cli.planners.reuse import Memory
-from elast_cli.planners.tree import NONE
 from elast_cli.shapes import Bool, Float32, Int64
 
 BUDGET: dict[str, Any] = {"expansions": 400, "replan_expansions": 100}

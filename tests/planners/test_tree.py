@@ -4,8 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elast_cli.cells import NONE
 from elast_cli.planners import tree
-from elast_cli.planners.tree import NONE, Forest
+from elast_cli.planners.tree import Forest
 from elast_cli.shapes import Int32
 
 
