@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import torch
+
 from benchmarks import (
     arithmetic,
     batch,
@@ -37,6 +39,7 @@ MEASUREMENTS: Mapping[str, Callable[[Bench], list[Figure]]] = {
 def main(words: Sequence[str] | None = None) -> int:
     """Run what the command line asks for; the exit code."""
     arguments = _parse(words)
+    torch.set_num_threads(1)
     bench = Bench(
         QUICK if arguments.quick else FULL,
         quick=arguments.quick,

@@ -27,7 +27,6 @@ NETWORKS = {  # called by each function of the world
     "step": ("ensemble",),
     "features": ("first",),
     "log_density": ("rest",),
-    "connect": ("policy", "ensemble"),
     "act": ("policy",),
 }
 

@@ -8,31 +8,34 @@ from functools import partial
 import numpy as np
 
 from benchmarks.document import Figure
-from benchmarks.serial import plan_serially
+from benchmarks.serial import TorchNetworks, plan_serially
 from benchmarks.trained import Bench, row, timed
 from elast_cli.methods import elast_planner
 from elast_cli.planners.base import Query
 
 AIM = 15.0
+REPEATS = 2  # of every plan, at most: the serial ones take seconds each
 
 
 def figures(bench: Bench) -> list[Figure]:
     """Two baselines, for one scenario and for several at once; times are of one plan."""
     sizes, config = bench.sizes, bench.tree()
+    repeats = min(REPEATS, sizes.repeats)
     planner = elast_planner(bench.models, config)
     one_by_one = elast_planner(bench.models, bench.tree(batch_min=1, batch_max=1))
     query = bench.query(sizes.rows)
     planner.plan(row(query, 0))  # compiles, or loads what was compiled
     rows = [row(query, b) for b in range(sizes.serial_rows)]
+    lengths: dict[str, Callable[[Query], int]] = {
+        "our engine one by one": lambda q: int(one_by_one.plan(q).length[0]),
+        "plain numpy and torch": _plain(bench),
+    }
     baselines = {
-        "our engine one by one": [_solo(lambda q: one_by_one.plan(q).length[0], q) for q in rows],
-        "plain numpy and torch": [
-            _solo(lambda q: len(plan_serially(bench.models, config, q)[0].states), q) for q in rows
-        ],
+        name: [_solo(length, one, repeats) for one in rows] for name, length in lengths.items()
     }
     found = []
     for count, at_once in ((1, row(query, 0)), (sizes.rows, query)):
-        seconds, plan = timed(partial(planner.plan, at_once), sizes.repeats)
+        seconds, plan = timed(partial(planner.plan, at_once), repeats)
         for name, runs in baselines.items():
             slow, steps = np.mean(runs[:count], axis=0)
             found.append(
@@ -53,7 +56,20 @@ def figures(bench: Bench) -> list[Figure]:
     return found
 
 
-def _solo(length: Callable[[Query], int], query: Query) -> tuple[float, int]:
+def _plain(bench: Bench) -> Callable[[Query], int]:
+    """The plain program: from a query without a context to its path's number of states."""
+    config = bench.tree()
+    engine = elast_planner(bench.models, config)
+    networks = TorchNetworks(bench.models, np.zeros(0, np.float32))
+
+    def length(query: Query) -> int:
+        found = plan_serially(networks, config, engine.limits, engine.radii, query)
+        return len(found.states)
+
+    return length
+
+
+def _solo(length: Callable[[Query], int], query: Query, repeats: int) -> tuple[float, int]:
     """Seconds and steps of a plan made by a function that returns its number of states."""
-    seconds, states = timed(lambda: length(query))
+    seconds, states = timed(lambda: length(query), repeats)
     return seconds, states - 1

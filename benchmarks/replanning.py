@@ -32,10 +32,16 @@ class Timed:
         return plan
 
 
+def warm_up(planner: Planner, query: Query) -> None:
+    """Compile what first plans need, and what later ones need besides."""
+    plan = planner.plan(query)
+    planner.plan(replace(query, memory=plan.memory))
+
+
 def figures(bench: Bench) -> list[Figure]:
     """Episodes one by one, with the default control and the preset's budget of expansions."""
     config = bench.job.config
-    elast_planner(bench.models, config.planner).plan(row(bench.query(1), 0))  # compiles
+    warm_up(elast_planner(bench.models, config.planner), row(bench.query(1), 0))
     controller = METHODS["elast"].build(bench.models, config, ENV, 1)
     assert isinstance(controller, Replan)
     planner = Timed(controller.planner)

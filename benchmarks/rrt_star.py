@@ -105,8 +105,8 @@ def ours(nodes: int, seed: int) -> tuple[float, int, float]:
     )
     start, goal = np.array([START], np.float32), np.array([GOAL], np.float32)
     query = Query(start, goal, np.zeros((1, 0), np.float32), np.array([seed]))
-    search = Search(planner, query)
     began = time.perf_counter()
+    search = Search(planner, query)
     search.run()
     seconds = time.perf_counter() - began
     plan = search.best_plan()

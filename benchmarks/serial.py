@@ -1,22 +1,24 @@
 """The search one expansion at a time, written plainly: what the batched engine is measured by.
 
 The same algorithm with the same settings: selection, actions, tests of a transition, crowding,
-rewiring with costs carried through subtrees, and the same random numbers. numpy keeps the tree; the
-distances to all nodes are computed at once; the networks are called as torch modules.
+pruning, rewiring with costs carried through subtrees, and the same random numbers in the same
+places. numpy keeps the tree; the distances to all nodes are computed at once; the networks are
+called as torch modules. Only rounding can make its tree another than the engine's.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Protocol
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from elast_cli.methods import Models, limits, radii
+from elast_cli.methods import Models
 from elast_cli.planners.base import Limits, Query, Radii
 from elast_cli.planners.elast import TreeConfig
+from elast_cli.planners.tree import DIRECTION
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
@@ -96,8 +98,8 @@ class SerialPlan:
 class SerialTree:
     """One tree of at most N nodes; node i is column i of `latent` [Z,N], node 0 the root.
 
-    Settings that only variants of the method use are not known: counting reachable neighbours, and
-    h_f in place of the ensemble.
+    Settings that only variants of the method use are not known: counting reachable neighbours, h_f
+    in place of the ensemble, and actions that π steers.
     """
 
     def __init__(
@@ -111,12 +113,20 @@ class SerialTree:
         goal: Float32,
         seed: int,
     ) -> None:
-        """Plant a tree at `start` [Z] that looks for `goal` [Z]."""
+        """Plant a tree at `start` [Z] that looks for `goal` [Z].
+
+        Raises:
+            ValueError: a setting is not known.
+        """
         if config.crowding != "near" or not config.use_ensemble:
             raise ValueError("the serial search knows crowding 'near' and the ensemble only")
-        self.networks, self.config, self.limits, self.radii = networks, config, limits, radii
+        if config.steer_goal + config.steer_sparse > 0:
+            raise ValueError("the serial search does not steer: steer_goal and steer_sparse are 0")
+        self.networks, self.config, self.limits = networks, config, limits
+        # numpy would round plain floats to float32 before it compares; the kernels do not
+        self.radii = Radii(*map(np.float64, astuple(radii)))
         self.goal = goal
-        shape = (config.expansions, 4 + networks.action_size)
+        shape = (config.expansions, DIRECTION + networks.action_size)
         self.draws: Float64 = generator("plan", seed).random(shape)
         nodes = min(config.expansions + 1, config.max_nodes or np.inf)
         self.capacity = int(nodes)
@@ -126,21 +136,25 @@ class SerialTree:
         self.depth = np.zeros(self.capacity, np.int64)
         self.crowding = np.zeros(self.capacity, np.int64)
         self.weight = np.ones(self.capacity)
+        self.useful = np.ones(self.capacity, np.bool_)
+        self.to_goal = np.full(self.capacity, np.inf, np.float32)
         self.children: list[set[int]] = [set()]
         self.latent[:, 0] = start
         self.size, self.nearest = 1, 0
-        self.nearest_distance = float(np.linalg.norm(start - goal))
+        self.to_goal[0] = np.linalg.norm(start - goal)
 
     def run(self) -> SerialPlan:
         """Spend the budget of expansions, and return the best path."""
         for draw in self.draws:
-            if self.size == self.capacity:
+            if self.size == self.capacity or not self.useful[: self.size].any():
                 break
             self.expand(draw)
+            if self.config.prune:
+                self._prune()
         return self.best_plan()
 
     def expand(self, draw: Float64) -> None:
-        """Select a node, step from it, test where that leads, insert, rewire; draws [4+A]."""
+        """Select a node, step from it, test where that leads, insert, rewire; draws [6+A]."""
         parent = self._choose(draw)
         action = self._propose(parent, draw)
         z, variance = self.networks.step(self._latents(parent), action[None])
@@ -155,8 +169,7 @@ class SerialTree:
         self._crowd(crowded)
         self._crowd(np.array([new]), len(crowded))
         if self.config.rewire:
-            self._connect(new, near, gaps[near])
-            self._rewire(new, near)
+            self._rewire(new, near, gaps[near])
 
     def _choose(self, draw: Float64) -> int:
         """The node to expand: any, a sparse one, or the one nearest to the goal (Sec. 4.3)."""
@@ -164,14 +177,14 @@ class SerialTree:
         if draw[0] < config.p_uniform:
             return min(int(draw[1] * n), n - 1)
         if draw[0] < config.p_uniform + config.p_sparse:
-            total = np.cumsum(self.weight[:n])
+            total = np.cumsum(np.where(self.useful[:n], self.weight[:n], 0.0))
             return min(int(np.searchsorted(total, draw[1] * total[-1], side="right")), n - 1)
         return self.nearest
 
     def _propose(self, parent: int, draw: Float64) -> Float32:
         """A uniform action [A], perhaps scaled to the edge of the box, or the node's own onward."""
         config = self.config
-        action = (2 * draw[4:] - 1).astype(np.float32)
+        action = (2 * draw[DIRECTION:] - 1).astype(np.float32)
         if draw[2] < config.edge_actions:
             action /= max(np.abs(action).max(), np.float32(1e-6))
         own = self.action[parent]
@@ -223,35 +236,49 @@ class SerialTree:
         self.parent[new], self.depth[new] = parent, self.depth[parent] + 1
         self.children[parent].add(new)
         self.children.append(set())
-        distance = float(np.linalg.norm(z - self.goal))
-        if distance < self.nearest_distance:
-            self.nearest, self.nearest_distance = new, distance
+        self.to_goal[new] = np.linalg.norm(z - self.goal)
+        if self.to_goal[new] < self.to_goal[self.nearest]:
+            self.nearest = new
         return new
 
-    def _connect(self, new: int, near: Int64, gaps: Float32) -> None:
-        """Hang the new node from the cheapest neighbour with an edge that passes the tests."""
-        cheaper = self.depth[near] + 1 < self.depth[new]
-        sources, gaps = near[cheaper], gaps[cheaper]
-        order = np.lexsort((sources, gaps, self.depth[sources]))
-        sources = sources[order[: 1 + self.config.connect_candidates]]
-        if not len(sources):
-            return
-        z_next = np.repeat(self._latents(new), len(sources), axis=0)
-        action, passed = self._test_edges(self._latents(sources), z_next)
-        if passed.any():
-            first = int(passed.argmax())
-            self._hang(new, int(sources[first]), action[first])
+    def _prune(self) -> None:
+        """Note which nodes may still lead to a shorter path than the best there is."""
+        n = self.size
+        inside = self.to_goal[:n] <= self.radii.goal
+        if inside.any():
+            ahead = np.ceil((self.to_goal[:n] - self.radii.goal) / self.radii.longest)
+            best = self.depth[:n][inside].min()
+            self.useful[:n] = self.depth[:n] + np.maximum(ahead, 1) < best
 
-    def _rewire(self, new: int, near: Int64) -> None:
-        """Hang from the new node whatever becomes cheaper by it and passes the tests."""
-        targets = near[self.depth[near] > self.depth[new] + 1]
-        if not len(targets):
+    def _rewire(self, new: int, near: Int64, gaps: Float32) -> None:
+        """Hang the new node from the cheapest neighbour, and from it whatever becomes cheaper.
+
+        Neighbours are tried as parents one a round, the cheapest first, until an edge passes the
+        tests; from the second round on the new node is offered as a parent, to each once.
+        """
+        order = np.lexsort((near, gaps, self.depth[near]))
+        sources, targets = near[order].tolist(), set(near.tolist())
+        for attempt in range(1 + self.config.connect_candidates):
+            edges = []
+            if sources and self.depth[sources[0]] + 1 < self.depth[new]:
+                edges.append((sources.pop(0), new))
+            if attempt:
+                cheaper = {j for j in targets if self.depth[new] + 1 < self.depth[j]}
+                edges += [(new, j) for j in sorted(cheaper)]
+                targets -= cheaper
+                if not edges:
+                    return
+            self._try_edges(edges)
+
+    def _try_edges(self, edges: list[tuple[int, int]]) -> None:
+        """Take the edges (from, to) that pass the tests and lower the cost of their end."""
+        if not edges:
             return
-        z = np.repeat(self._latents(new), len(targets), axis=0)
-        action, passed = self._test_edges(z, self._latents(targets))
-        for target, way in zip(targets[passed].tolist(), action[passed], strict=True):
-            if self.depth[target] > self.depth[new] + 1:
-                self._hang(target, new, way)
+        ends = np.array(edges)
+        action, passed = self._test_edges(self._latents(ends[:, 0]), self._latents(ends[:, 1]))
+        for (source, target), way, good in zip(edges, action, passed, strict=True):
+            if good and self.depth[source] + 1 < self.depth[target]:
+                self._hang(target, source, way)
 
     def _test_edges(self, z: Float32, z_next: Float32) -> tuple[Float32, Bool]:
         """π's actions [M,A] along edges, and which pass ψ and the round trip through H_f [M]."""
@@ -283,7 +310,7 @@ class SerialTree:
     def best_plan(self) -> SerialPlan:
         """The path to the cheapest node within the goal radius, else to the one nearest to it."""
         end, n = self.nearest, self.size
-        distance = np.sqrt(self._gaps(self.goal))
+        distance = self.to_goal[:n]
         inside = np.flatnonzero(distance <= self.radii.goal)
         if len(inside):
             end = int(inside[np.lexsort((distance[inside], self.depth[:n][inside]))[0]])
@@ -294,17 +321,17 @@ class SerialTree:
         return SerialPlan(self._latents(nodes), self.action[nodes[1:]], bool(len(inside)))
 
 
-def plan_serially(models: Models, config: TreeConfig, query: Query) -> list[SerialPlan]:
-    """A plan for each row of a query, one row after the other, one expansion after the other."""
-    return [
-        SerialTree(
-            TorchNetworks(models, query.context[b]),
-            config,
-            limits(models, config),
-            radii(models, config),
-            start=query.start[b],
-            goal=query.goal[b],
-            seed=int(query.seed[b]),
-        ).run()
-        for b in range(len(query.start))
-    ]
+def plan_serially(
+    networks: Networks, config: TreeConfig, limits: Limits, radii: Radii, query: Query
+) -> SerialPlan:
+    """A plan for the only row of a query, one expansion after the other."""
+    tree = SerialTree(
+        networks,
+        config,
+        limits,
+        radii,
+        start=query.start[0],
+        goal=query.goal[0],
+        seed=int(query.seed[0]),
+    )
+    return tree.run()

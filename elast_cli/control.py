@@ -152,17 +152,19 @@ class TrackStates:
 
 @dataclass(frozen=True)
 class PlayActions:
-    """Play planned actions as they stand."""
+    """Play planned actions as they stand; past the end it waits for the goal."""
 
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
         """The next planned action of each row [B,A]; zero past the end."""
-        rows = np.arange(len(z))
-        left = route.progress < route.length - 1
-        action = route.actions[rows, np.minimum(route.progress, route.actions.shape[1] - 1)]
-        progress = route.progress + 1
-        return np.where(left[:, None], action, np.float32(0)), replace(route, progress=progress)
+        rows, after = np.arange(len(z)), route.progress + 1
+        left = (after < route.length)[:, None]
+        actions = _padded(route.actions, max(1, route.actions.shape[1]))
+        action = actions[rows, np.minimum(route.progress, actions.shape[1] - 1)]
+        aim = route.states[rows, np.minimum(after, route.length - 1)]
+        route = replace(route, progress=after, aim=np.where(left, aim, goal))
+        return np.where(left, action, np.float32(0)), route
 
 
 @dataclass(frozen=True)

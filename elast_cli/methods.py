@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elast_cli.config import suggestion
-from elast_cli.errors import UsageError
+from elast_cli.errors import DataError, UsageError
 from elast_cli.manifest import JsonDict
 from elast_cli.shapes import Float32
 
@@ -38,7 +38,7 @@ class Models:
     policy: LocalPolicy
 
 
-LONGEST_QUANTILE = 0.99  # of the lengths of observed steps: the very longest are outliers
+LONGEST_MARGIN = 1.05  # over the longest observed step: no step is thought to be longer
 Build = Callable[["Models", "Preset", str, int], "Controller[Any]"]
 
 
@@ -110,35 +110,68 @@ def elast_planner(models: Models, config: TreeConfig) -> ElastPlanner:
 
 
 def limits(models: Models, config: TreeConfig) -> Limits:
-    """Thresholds of a transition: quantiles of the same quantities on held-out transitions."""
+    """Thresholds of a transition: quantiles of the same quantities on held-out transitions.
+
+    Raises:
+        DataError: the support has no extent.
+    """
     from elast_cli.planners.base import Limits
 
     def at(table: Any, quantile: float | None, off: float) -> float:
         return off if quantile is None else float(table.at(quantile))
 
     dynamics, off = models.ensemble, np.inf
+    support = at(dynamics.support.distance_quantiles, config.support_quantile, off)
+    _check_length(support, "distances to the support", "support", config, "train-ensemble")
     return Limits(
         at(models.density.log_density_quantiles, config.density_quantile, -off),
         at(dynamics.ensemble.variance_quantiles, config.variance_quantile, off),
-        at(dynamics.support.distance_quantiles, config.support_quantile, off),
+        support,
         at(models.policy.round_trip_quantiles, config.round_trip_quantile, off),
     )
 
 
 def radii(models: Models, config: TreeConfig) -> Radii:
-    """Radii in latent units, from the lengths of observed steps."""
+    """Radii in latent units, from the lengths of observed steps.
+
+    Raises:
+        DataError: steps have no length.
+    """
     from elast_cli.planners.base import Radii
 
     median = models.encoder.step_length(0.5)
     crowding = np.inf if config.crowding_steps is None else config.crowding_steps * median
+    neighbor = models.encoder.step_length(config.neighbor_quantile)
+    _check_length(neighbor, "lengths of observed steps", "neighbor", config, "train-encoder")
     return Radii(
-        neighbor=models.encoder.step_length(config.neighbor_quantile),
+        neighbor=neighbor,
         goal=config.goal_steps * median,
         crowding=crowding,
         failure=config.failure_steps * median,
         duplicate=config.duplicate_steps * median,
-        longest=models.encoder.step_length(LONGEST_QUANTILE),
+        longest=LONGEST_MARGIN * models.encoder.step_length(1.0),
     )
+
+
+def _check_length(length: float, of: str, setting: str, config: TreeConfig, command: str) -> None:
+    """Refuse a length that no grid of cells can be made of.
+
+    Args:
+        length: a quantile.
+        of: what it is a quantile of.
+        setting: what its key in `planner` begins with.
+        config: the settings.
+        command: trains the model that the quantile is stored with.
+
+    Raises:
+        DataError: the length is not positive.
+    """
+    if not length > 0:
+        key = f"{setting}_quantile"
+        raise DataError(
+            f"the {getattr(config, key):g} quantile of the {of} is {length:g}, which no search can "
+            f"use; raise it by --set planner.{key}=..., or train on other data: elast {command}"
+        )
 
 
 def _cem(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:

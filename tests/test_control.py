@@ -109,6 +109,23 @@ def test_planned_actions_are_played_in_order_and_then_nothing() -> None:
     assert played == [[1, 2], [2, 0], [3, 0], [0, 0]]
 
 
+def test_playing_aims_at_the_next_state_and_past_the_end_at_the_goal() -> None:
+    route, context = line([0, 1, 3], [4, 5, 5], length=[3, 2]), np.zeros((2, 1), np.float32)
+    aims = []
+    for _ in range(3):
+        _, route = PlayActions().act(route, column(0, 0), column(7, 8), context)
+        aims.append(route.aim.ravel().tolist())
+    assert aims == [[1, 5], [3, 8], [7, 8]]
+
+
+def test_a_route_of_one_state_has_no_action_to_play() -> None:
+    route = line([5])
+    for _ in range(2):
+        action, route = PlayActions().act(route, column(5), column(6), NO_CONTEXT)
+        assert action.tolist() == [[0]]
+    assert route.actions_left().shape == (1, 0, 1)
+
+
 def test_actions_left_are_those_not_played_and_zero_after_them() -> None:
     route = line([0, 1, 3, 6], [0, 2, 2, 2], length=[4, 2])
     for _ in range(2):

@@ -10,7 +10,7 @@ import torch
 from elast_cli import preset
 from elast_cli.control import PlayActions, Random, Replan, Task, TrackStates
 from elast_cli.envs import ENVS, spec
-from elast_cli.errors import UsageError
+from elast_cli.errors import DataError, UsageError
 from elast_cli.methods import (
     METHODS,
     Models,
@@ -230,6 +230,7 @@ def test_limits_and_radii_are_quantiles_of_observed_transitions(
     lengths = radii(models, config)
     assert (lengths.neighbor, lengths.goal) == pytest.approx((0.75, 1.0))
     assert (lengths.crowding, lengths.duplicate) == pytest.approx((0.25, 0.1))
+    assert lengths.longest == pytest.approx(1.05)  # no observed step was longer than 1
 
 
 def test_a_test_that_is_off_has_an_infinite_limit(folders: dict[str, Path], tiny: Preset) -> None:
@@ -239,6 +240,20 @@ def test_a_test_that_is_off_has_an_infinite_limit(folders: dict[str, Path], tiny
     found = limits(models, off)
     assert found.min_log_density == -np.inf
     assert found.max_variance == found.max_support_distance == found.max_round_trip == np.inf
+
+
+def test_lengths_of_nothing_are_refused_by_the_name_of_their_quantile(
+    folders: dict[str, Path], tiny: Preset
+) -> None:
+    models, config = load_models(folders, "cpu"), tiny.planner
+    ramp(models.encoder.step_length_quantiles, 0.0)
+    with pytest.raises(DataError, match=r"0\.95 quantile .*planner\.neighbor_quantile.*train-enc"):
+        radii(models, config)
+    ramp(models.ensemble.support.distance_quantiles, 0.0)
+    with pytest.raises(DataError, match=r"0\.99 quantile .*planner\.support_quantile.*train-ens"):
+        limits(models, config)
+    without = config.model_copy(update={"support_quantile": None})
+    assert limits(models, without).max_support_distance == np.inf
 
 
 def test_without_the_ensemble_the_forward_model_predicts(

@@ -49,7 +49,13 @@ class DenseNetwork:
         return cls(layers)
 
     def __call__(self, x: Float32) -> Float32:
-        """[M,in] -> [E,M,out]."""
+        """[M,in] -> [E,M,out].
+
+        Raises:
+            ValueError: rows are not as wide as the network's inputs.
+        """
+        if x.ndim != 2 or x.shape[1] != self.inputs:
+            raise ValueError(f"a network of {self.inputs} inputs was given an array {x.shape}")
         if self.device.type != "cpu":
             return self._on_device(x)
         out = np.empty((len(self._biases[-1]), len(x), self.outputs), np.float32)

@@ -134,7 +134,8 @@ class Radii:
         crowding: within which nodes count as crowding each other; at most `neighbor`.
         failure: an edge whose ends both lie this near to those of a failed transition is refused.
         duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
-        longest: what a step covers at most, for lower bounds of a path's cost.
+        longest: what a step covers at most, for lower bounds of a path's cost; where a step can
+            be longer, these are estimates.
     """
 
     neighbor: float

@@ -11,11 +11,11 @@ from pydantic import Field, model_validator
 
 from elast_cli import cells
 from elast_cli.config import StrictModel
-from elast_cli.planners import reuse, sampling, tree
+from elast_cli.planners import mates, reuse, sampling, tree
 from elast_cli.planners.base import Limits, Plan, Query, Radii, WorldOf
 from elast_cli.planners.reuse import Memory
+from elast_cli.planners.sampling import Sparsity
 from elast_cli.planners.tree import Forest
-from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
 CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
@@ -24,14 +24,16 @@ CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
 class TreeConfig(StrictModel):
     """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
 
-    `max_nodes` bounds a tree's memory: a full tree stops, and is not reused in vain. A
-    `time_budget` in seconds stops all trees; which plan it leaves depends on the machine. With
-    `reuse`, replanning starts from the tree of the plan before, and spends `replan_expansions`
-    once that reaches the goal.
+    `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
+    trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
+    tree of the plan before, and spends `replan_expansions` once that reaches the goal. It keeps no
+    more than `max_nodes`, or twice `expansions`, of that tree; one that does not reach the goal
+    and leaves less than half of this free gives way to a new one.
 
     π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
-    chosen for being sparse, and a tree without any others stops.
+    chosen for being sparse, and a tree without any others stops. It takes for granted that no step
+    is longer than `Radii.longest`, which for trained models is a little more than any observed.
     """
 
     expansions: int = Field(default=12_000, ge=1)
@@ -111,12 +113,13 @@ class Search:
     """One batch of trees while it grows."""
 
     def __init__(self, planner: ElastPlanner, query: Query) -> None:
+        self.began = time.monotonic()
         self.world, self.config = planner.world(query.context), planner.config
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
         config, scenarios = self.config, len(query.start)
         self.tally = Tally.zero(scenarios)
-        self.draws = self._draw(scenarios)
+        self.draws = sampling.Draws(query.seed, tree.DIRECTION + self.world.action_size)
         self.later = np.array(
             [config.reuse and m is not None for m in query.memory or [None] * scenarios]
         )
@@ -139,19 +142,15 @@ class Search:
         self.cells = cells.empty_cells(
             scenarios, nodes, axes=self.world.axes, side=self.radii.neighbor / CELLS_PER_RADIUS
         )
-        self.sums = sampling.no_weights(scenarios, nodes)
+        self.sparsity = Sparsity(
+            sampling.no_weights(scenarios, nodes),
+            self.forest.crowding,
+            sampling.weight_table(config.sparse_exponent),
+        )
         self._admit(np.zeros(scenarios, np.int64))
-        self.weights = sampling.weight_table(config.sparse_exponent)
-        sampling.weigh(self.sums, self.forest.crowding, self.weights, self.forest.size)
         self.pairs: Int32 = np.empty((3, 1 << 14), np.int32)
         self.gaps: Float32 = np.empty(1 << 14, np.float32)
         self.done = 0
-
-    def _draw(self, scenarios: int) -> Float64:
-        """All random numbers of a plan [B,n,6+A], each row from its own generator."""
-        shape = (self.config.expansions, tree.DIRECTION + self.world.action_size)
-        seeds = self.query.seed
-        return np.stack([generator("plan", int(seeds[b])).random(shape) for b in range(scenarios)])
 
     def _replanted(self, b: int, feature: Float32) -> Memory:
         """The tree of row b's plan before, hung from where it is now; one node without it."""
@@ -176,30 +175,22 @@ class Search:
         action, admissible = self._round_trip(start, memory.latent[near], row)
         found = reuse.transplant(memory, root, feature, near[admissible], action[admissible])
         room = self.config.max_nodes or 2 * self.config.expansions  # bounds an episode's memory
-        if len(found.depth) >= room and not self._reaches(b, found):
-            return reuse.alone(root, feature, self.world.action_size)  # it could not grow
-        return found
-
-    def _reaches(self, b: int, found: Memory) -> bool:
-        """Whether a tree, as far as there is room for it, reaches the goal of row b."""
-        latent = found.latent[: self.config.max_nodes]
-        nearest: float = tree.lengths(latent - self.query.goal[b]).min()
-        return nearest <= self.radii.goal
+        return reuse.fitted(found, self.query.goal[b], self.radii.goal, room)
 
     def _budget(self, b: int, found: Memory) -> int:
         """Expansions of row b: few where the tree that is there already reaches the goal."""
         if len(found.depth) == 1:
             return self.config.expansions
         warm = min(self.config.replan_expansions, self.config.expansions)
-        return warm if self._reaches(b, found) else self.config.expansions
+        reached = reuse.reaches(found, self.query.goal[b], self.radii.goal)
+        return warm if reached else self.config.expansions
 
     def run(self) -> None:
-        """Spend the budget of expansions, or of time."""
+        """Spend the budget of expansions, or of time since the search began."""
         seconds = self.config.time_budget or np.inf
-        began = time.monotonic()
         forest = self.forest
-        while time.monotonic() - began < seconds:
-            open_ended = (forest.size < forest.capacity) & (self.sums[:, 1] > 0)
+        while time.monotonic() - self.began < seconds:
+            open_ended = (forest.size < forest.capacity) & (self.sparsity.sums[:, 1] > 0)
             rows = np.flatnonzero(open_ended & (self.done < self.budget))
             if not len(rows):
                 break
@@ -218,7 +209,7 @@ class Search:
         size = int(np.clip(self.done * config.batch_share, config.batch_min, config.batch_max))
         for stop in (config.replan_expansions, config.expansions):  # of any row, so of every row
             size = min(size, stop - self.done) if self.done < stop else size
-        draws = self.draws[rows, self.done : self.done + size]
+        draws = self.draws.take(size)[rows]
         self.done += size
         batch = self._propose(rows, draws)
         self._test(batch)
@@ -228,7 +219,9 @@ class Search:
         """Choose nodes to expand and actions, and predict where they lead (Fig. 4 a, b)."""
         config, forest = self.config, self.forest
         shares = (config.p_uniform, config.p_sparse)
-        parent = sampling.choose(self.sums, rows, forest.size, forest.nearest, draws, shares)
+        parent = sampling.choose(
+            self.sparsity.sums, rows, forest.size, forest.nearest, draws, shares
+        )
         z, action = tree.propose(
             forest,
             rows,
@@ -257,7 +250,7 @@ class Search:
         target = forest.goal[row[steered]]
         for m in np.flatnonzero(chance[steered] >= config.steer_goal):
             b, where = row[steered][m], draws[steered, 5][m]
-            target[m] = forest.latent[b, sampling.draw(self.sums[b], where)]
+            target[m] = forest.latent[b, sampling.draw(self.sparsity.sums[b], where)]
         here = z[steered]
         step = target - here
         step *= np.minimum(1, reach / np.maximum(tree.lengths(step), 1e-9))[:, None]
@@ -265,8 +258,12 @@ class Search:
         tree.count(self.tally.policy, row[steered], 1)
 
     def _test(self, batch: Batch) -> None:
-        """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first."""
+        """Clear `alive` where a candidate copies a node or fails a test; cheap tests come first.
+
+        Mates are compared last, so that no candidate gives way to one that is not inserted.
+        """
         forest, limits, alive = self.forest, self.limits, batch.alive
+        cost = forest.depth[batch.rows[:, None], batch.parent] + 1
         cells.drop_copies(
             self.cells,
             batch.rows,
@@ -274,7 +271,7 @@ class Search:
             alive,
             self.radii.duplicate,
             forest.depth,
-            forest.depth[batch.rows[:, None], batch.parent] + 1,
+            cost,
         )
         r, k = np.nonzero(alive)
         z = batch.latent[r, k]
@@ -286,6 +283,7 @@ class Search:
         forest.feature[row, slot] = self.world.features(z, row)
         if limits.min_log_density > -np.inf:
             alive[r, k] = self._likely(row, batch.parent[r, k], slot)
+        mates.drop_copies(batch.latent, alive, cost, self.radii.duplicate)
 
     def _likely(self, row: Int64 | Int32, source: Int32, target: Int64 | Int32) -> Bool:
         """Whether ψ finds the edges likely [P]."""
@@ -302,24 +300,26 @@ class Search:
         before = forest.size.copy()
         new = tree.insert(forest, batch.rows, batch.latent, batch.alive, batch.parent, batch.action)
         self._admit(before)
-        edges, gap = tree.edges_around(pairs, gaps, new)
+        edges, gap = tree.edges_around(pairs, gaps, new, forest.capacity)
         likely: Bool | None = None
-        counts = self.sums, forest.crowding, self.weights
         counted = edges, gap
         if config.crowding == "reachable" and self.limits.min_log_density > -np.inf:
             likely = self._likely(*edges)
             counted = edges[:, likely], gap[likely]
-        sampling.crowd_along(*counts, *counted, self.radii.crowding**2)
+        sampling.crowd_along(self.sparsity, *counted, self.radii.crowding**2)
         if config.count_rejections:
-            sampling.crowd_rejected(*counts, batch.rows, batch.alive, batch.parent)
+            sampling.crowd_rejected(self.sparsity, batch.rows, batch.alive, batch.parent)
         if config.rewire:
             self._offer(edges, gap, likely)
         if config.prune:
             goal, longest = self.radii.goal, self.radii.longest
-            tree.prune(forest, batch.rows, self.sums, self.weights, goal, longest)
+            sampling.prune(self.sparsity, forest, batch.rows, goal, longest)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
-        """Pairs (row, k, node) [3,P] of live candidates and nodes within r_neigh; squared gaps."""
+        """Pairs (row, k, node) [3,P] within r_neigh of live candidates, and their squared gaps.
+
+        Pairs with nodes of the trees come first, then those of mates: mate j is node N + j.
+        """
         while True:
             found = cells.find_pairs(
                 self.cells,
@@ -330,6 +330,16 @@ class Search:
                 self.pairs,
                 self.gaps,
             )
+            found = mates.add_pairs(
+                batch.rows,
+                batch.latent,
+                batch.alive,
+                self.radii.neighbor,
+                self.forest.capacity,
+                self.pairs,
+                self.gaps,
+                found,
+            )
             if found <= len(self.gaps):
                 return self.pairs[:, :found], self.gaps[:found]
             self.pairs = np.empty((3, 2 * found), np.int32)
@@ -338,7 +348,7 @@ class Search:
     def _admit(self, before: Int64) -> None:
         """Let the nodes added since sizes were `before` [B] be found and drawn."""
         cells.add(self.cells, self.forest.latent, before, self.forest.size)
-        sampling.admit(self.sums, before, self.forest.size)
+        sampling.admit(self.sparsity, before, self.forest.size)
 
     def _offer(self, edges: Int32, gap: Float32, likely: Bool | None) -> None:
         """Rewire targets to the cheapest sources that pass the tests, trying the cheapest first.
@@ -364,12 +374,9 @@ class Search:
                 passed = self._likely(row, source, target)
                 row, source, target = row[passed], source[passed], target[passed]
             if len(row):
-                action, admissible = self._connect(row, source, target)
+                ends = tree.ends(forest, row, source, target)
+                action, admissible = self._round_trip(*ends)
                 tree.rewire(forest, row, source, target, action, admissible)
-
-    def _connect(self, row: Int32, source: Int32, target: Int32) -> tuple[Float32, Bool]:
-        """π's action along each edge [P,A], and whether H_f under it surely leads there [P]."""
-        return self._round_trip(*tree.ends(self.forest, row, source, target))
 
     def _failed(self, z: Float32, z_next: Float32, row: Int64) -> Bool:
         """Which transitions [M] resemble one that execution has tried in vain."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from elast_cli.cells import NONE
 from elast_cli.planners import tree
-from elast_cli.planners.tree import NONE, Forest
+from elast_cli.planners.tree import Forest
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 
@@ -68,6 +69,35 @@ def remember(forest: Forest, b: int) -> Memory:
         forest.depth[b, :n].copy(),
         forest.crowding[b, :n].copy(),
     )
+
+
+def first(memory: Memory, count: int) -> Memory:
+    """The first nodes of a tree in which parents come before their children."""
+    return Memory(
+        memory.latent[:count],
+        memory.feature[:count],
+        memory.action[:count],
+        memory.parent[:count],
+        memory.depth[:count],
+        memory.crowding[:count],
+    )
+
+
+def reaches(memory: Memory, goal: Float32, radius: float) -> bool:
+    """Whether any node lies within `radius` of the goal [Z]."""
+    return bool(tree.lengths(memory.latent - goal).min() <= radius)
+
+
+def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
+    """What of a tree, its cheapest nodes first, is worth growing where there is `room` for nodes.
+
+    A tree that is too large is cut to its cheapest nodes. If these neither reach the goal [Z], to
+    within `radius`, nor leave half of the room to grow in, only the root is kept.
+    """
+    kept = first(memory, room)
+    if 2 * len(kept.depth) <= room or reaches(kept, goal, radius):
+        return kept
+    return first(memory, 1)
 
 
 @njit(cache=True, nogil=True)

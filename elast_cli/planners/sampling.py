@@ -2,10 +2,53 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from elast_cli.planners.tree import Forest
+from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
+
+LEAST_WEIGHT = 1e-300
+BLOCK = 4096  # expansions whose random numbers are drawn at once
+
+
+class Sparsity(NamedTuple):
+    """How likely nodes of B trees are to be drawn for having few others around them.
+
+    Attributes:
+        sums: of the weights [B,2L], see `no_weights`; a node without weight is never drawn.
+        crowding: neighbours plus rejections of each node [B,N].
+        weights: of nodes by their crowding [C], see `weight_table`.
+    """
+
+    sums: Float64
+    crowding: Int32
+    weights: Float64
+
+
+class Draws:
+    """Random numbers in [0, 1) for expansions, `each` of them for one, of B rows.
+
+    Each row has a generator of its own, and what it gives does not depend on how it is taken.
+    """
+
+    def __init__(self, seeds: Int64, each: int) -> None:
+        """Begin the streams of the rows' seeds [B]."""
+        self._streams = [generator("plan", int(seed)) for seed in seeds]
+        self._ready: Float64 = np.empty((len(seeds), 0, each))
+
+    def take(self, count: int) -> Float64:
+        """Those of the next `count` expansions [B,count,each]."""
+        missing = count - self._ready.shape[1]
+        if missing > 0:
+            shape = max(missing, BLOCK), self._ready.shape[2]
+            fresh = np.stack([stream.random(shape) for stream in self._streams])
+            self._ready = np.concatenate([self._ready, fresh], axis=1)
+        taken, self._ready = self._ready[:, :count], self._ready[:, count:]
+        return taken
 
 
 def no_weights(rows: int, nodes: int) -> Float64:
@@ -68,55 +111,81 @@ def choose(
     return out
 
 
-@njit(cache=True, nogil=True)
-def admit(sums: Float64, first: Int64, last: Int64) -> None:
-    """Let nodes first[b] up to last[b] of each row in, which nothing crowds yet."""
-    for b in range(len(first)):
-        for i in range(first[b], last[b]):
-            set_weight(sums[b], i, 1.0)
-
-
 def weight_table(exponent: float) -> Float64:
     """Weights [C] of nodes that 0, 1, ... others crowd: (1 + crowding)^-exponent (Sec. 4.3).
 
-    Whatever is more crowded than the table is long weighs as its last entry.
+    Whatever is more crowded than the table is long weighs as its last entry. No entry is 0, since a
+    node without weight is a pruned one.
     """
-    weights: Float64 = np.power(np.arange(1.0, 1 + (1 << 12)), -exponent)
+    weights: Float64 = np.maximum(np.power(np.arange(1.0, 1 + (1 << 12)), -exponent), LEAST_WEIGHT)
     return weights
 
 
 @njit(cache=True, nogil=True)
-def _crowd_one(sums: Float64, crowding: Int32, weights: Float64, b: int, i: int) -> None:
-    crowding[b, i] += 1
-    if sums[b, sums.shape[1] // 2 + i] > 0:  # a node without weight keeps none
-        set_weight(sums[b], i, weights[min(crowding[b, i], len(weights) - 1)])
+def _weigh(sparsity: Sparsity, b: int, i: int) -> None:
+    """Give node i of row b the weight of its crowding."""
+    crowding = min(sparsity.crowding[b, i], len(sparsity.weights) - 1)
+    set_weight(sparsity.sums[b], i, sparsity.weights[crowding])
 
 
 @njit(cache=True, nogil=True)
-def crowd_along(
-    sums: Float64, crowding: Int32, weights: Float64, edges: Int32, gap: Float32, limit: float
-) -> None:
+def admit(sparsity: Sparsity, first: Int64, last: Int64) -> None:
+    """Let nodes first[b] up to last[b] of each row be drawn."""
+    for b in range(len(first)):
+        for i in range(first[b], last[b]):
+            _weigh(sparsity, b, i)
+
+
+@njit(cache=True, nogil=True)
+def _crowd_one(sparsity: Sparsity, b: int, i: int) -> None:
+    sparsity.crowding[b, i] += 1
+    if sparsity.sums[b, sparsity.sums.shape[1] // 2 + i] > 0:  # a node without weight keeps none
+        _weigh(sparsity, b, i)
+
+
+@njit(cache=True, nogil=True)
+def crowd_along(sparsity: Sparsity, edges: Int32, gap: Float32, limit: float) -> None:
     """Count one more at the source of each (row, source, target) [3,P] with a gap [P] ≤ limit."""
     for e in range(len(gap)):
         if gap[e] <= limit:
-            _crowd_one(sums, crowding, weights, edges[0, e], edges[1, e])
+            _crowd_one(sparsity, edges[0, e], edges[1, e])
 
 
 @njit(cache=True, nogil=True)
-def crowd_rejected(
-    sums: Float64, crowding: Int32, weights: Float64, rows: Int64, alive: Bool, parent: Int32
-) -> None:
+def crowd_rejected(sparsity: Sparsity, rows: Int64, alive: Bool, parent: Int32) -> None:
     """Count one more at the parents [R,K] of the candidates that are not alive [R,K]."""
     for r in range(len(rows)):
         for k in range(parent.shape[1]):
             if not alive[r, k]:
-                _crowd_one(sums, crowding, weights, rows[r], parent[r, k])
+                _crowd_one(sparsity, rows[r], parent[r, k])
 
 
 @njit(cache=True, nogil=True)
-def weigh(sums: Float64, crowding: Int32, weights: Float64, size: Int64) -> None:
-    """Give the first size[b] nodes of each row the weights of their crowding."""
-    for b in range(len(size)):
-        for i in range(size[b]):
-            if crowding[b, i]:
-                set_weight(sums[b], i, weights[min(crowding[b, i], len(weights) - 1)])
+def prune(sparsity: Sparsity, forest: Forest, rows: Int64, radius: float, longest: float) -> None:
+    """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
+
+    A path through a node costs its depth and at least as many steps as fit into its distance to
+    the goal's region. Nothing is taken from trees that have not reached it.
+
+    Args:
+        sparsity: of the nodes.
+        forest: the trees.
+        rows: which of them [R].
+        radius: of the goal's region.
+        longest: length of a step.
+    """
+    leaves = sparsity.sums.shape[1] // 2
+    for b in rows:
+        if forest.nearest_distance[b] > radius:
+            continue
+        cost = forest.depth[b, forest.nearest[b]]
+        for i in range(forest.size[b]):
+            if forest.to_goal[b, i] <= radius:
+                cost = min(cost, forest.depth[b, i])
+        for i in range(forest.size[b]):
+            ahead = max(np.ceil((forest.to_goal[b, i] - radius) / longest), 1)
+            useful = forest.depth[b, i] + ahead < cost
+            if useful and sparsity.sums[b, leaves + i] == 0:
+                _weigh(sparsity, b, i)
+            elif not useful and sparsity.sums[b, leaves + i] > 0:
+                set_weight(sparsity.sums[b], i, 0.0)

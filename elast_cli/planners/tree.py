@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from elast_cli.planners.sampling import set_weight
+from elast_cli.cells import NONE
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
-NONE = -1
 DIRECTION = 6  # where in a candidate's random numbers those of its direction begin
 
 
@@ -28,7 +27,7 @@ class Forest(NamedTuple):
         parent: parent's index [B,N]; -1 at the root.
         depth: number of steps from the root [B,N].
         crowding: neighbours plus rejections [B,N]; sparse nodes have little of it.
-        child, after, before: linked lists of children [B,N]: first child, siblings.
+        child, after, before: linked lists of children [B,N]: first child, siblings; -1 is none.
         offer: scratch of `pick` [B,N], -1 outside of it.
         size: number of nodes [B].
         goal: [B,Z].
@@ -61,9 +60,14 @@ class Forest(NamedTuple):
 def plant(
     start: Float32, feature: Float32, goal: Float32, *, nodes: int, extra: int, actions: int
 ) -> Forest:
-    """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each."""
+    """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each.
+
+    Room that no node has come to is not touched, so it costs no memory.
+    """
     b, z = start.shape
-    links = [np.full((b, nodes), NONE, np.int32) for _ in range(5)]
+    links = [np.empty((b, nodes), np.int32) for _ in range(5)]
+    for link in links:
+        link[:, 0] = NONE
     forest = Forest(
         latent=np.zeros((b, nodes, z), np.float32),
         feature=np.zeros((b, nodes + extra, feature.shape[1]), np.float32),
@@ -77,7 +81,7 @@ def plant(
         offer=links[4],
         size=np.ones(b, np.int64),
         goal=np.ascontiguousarray(goal),
-        to_goal=np.full((b, nodes), np.inf, np.float32),
+        to_goal=np.empty((b, nodes), np.float32),
         nearest=np.zeros(b, np.int64),
         nearest_distance=np.linalg.norm(start - goal, axis=1).astype(np.float32),
     )
@@ -185,6 +189,8 @@ def _note_goal(forest: Forest, b: int, i: int) -> None:
 def link(forest: Forest, b: int, parent: Int32) -> None:
     """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal."""
     for i in range(len(parent)):
+        forest.child[b, i] = forest.offer[b, i] = NONE
+    for i in range(len(parent)):
         if parent[i] != NONE:
             _attach(forest, b, i, parent[i])
         _note_goal(forest, b, i)
@@ -218,35 +224,47 @@ def insert(
             forest.feature[b, i] = forest.feature[b, capacity + k]
             forest.action[b, i] = action[r, k]
             forest.depth[b, i] = forest.depth[b, parent[r, k]] + 1
+            forest.child[b, i] = forest.offer[b, i] = NONE
             _attach(forest, b, i, parent[r, k])
             _note_goal(forest, b, i)
     return index
 
 
 @njit(cache=True, nogil=True)
-def edges_around(pairs: Int32, gaps: Float32, index: Int32) -> tuple[Int32, Float32]:
+def _place(index: Int32, row: int, node: int, capacity: int) -> int:
+    """The index of a node: its own, or where candidate `node` - N went."""
+    return index[row, node - capacity] if node >= capacity else node
+
+
+@njit(cache=True, nogil=True)
+def edges_around(pairs: Int32, gaps: Float32, index: Int32, capacity: int) -> tuple[Int32, Float32]:
     """Edges (row, source, target) [3,2P] into inserted candidates, then the same reversed.
 
     Args:
-        pairs: (row, k, node) [3,P'] of candidates and nodes near by; those not inserted drop out.
+        pairs: (row, k, node) [3,P'] of candidates and nodes near by, where N + j is candidate j;
+            pairs of which one is not in the tree drop out.
         gaps: their squared lengths [P'].
         index: where candidates went [B,K].
+        capacity: most nodes of a tree, N.
 
     Returns:
         The edges and their squared lengths [2P].
     """
     count = 0
     for p in range(len(gaps)):
-        count += index[pairs[0, p], pairs[1, p]] != NONE
+        b = pairs[0, p]
+        other = _place(index, b, pairs[2, p], capacity)
+        count += index[b, pairs[1, p]] != NONE and other != NONE
     edges = np.empty((3, 2 * count), np.int32)
     gap = np.empty(2 * count, np.float32)
     into = 0
     for p in range(len(gaps)):
-        new = index[pairs[0, p], pairs[1, p]]
-        if new != NONE:
+        b = pairs[0, p]
+        new, other = index[b, pairs[1, p]], _place(index, b, pairs[2, p], capacity)
+        if new != NONE and other != NONE:
             out_of = into + count
-            edges[0, into] = edges[0, out_of] = pairs[0, p]
-            edges[1, into] = edges[2, out_of] = pairs[2, p]
+            edges[0, into] = edges[0, out_of] = b
+            edges[1, into] = edges[2, out_of] = other
             edges[2, into] = edges[1, out_of] = new
             gap[into] = gap[out_of] = gaps[p]
             into += 1
@@ -349,39 +367,6 @@ def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, mo
             gap += step * step
         out[m] = np.sqrt(gap) <= radius and variance[m] <= most
     return out
-
-
-@njit(cache=True, nogil=True)
-def prune(
-    forest: Forest, rows: Int64, sums: Float64, weights: Float64, radius: float, longest: float
-) -> None:
-    """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
-
-    A path through a node costs its depth and at least as many steps as fit into its distance to
-    the goal's region. Nothing is taken from trees that have not reached it.
-
-    Args:
-        forest: the trees.
-        rows: which of them [R].
-        sums: the weights [B,2L] (see `sampling`).
-        weights: a node's weight by its crowding [C].
-        radius: of the goal's region.
-        longest: length of a step.
-    """
-    leaves = sums.shape[1] // 2
-    for b in rows:
-        if forest.nearest_distance[b] > radius:
-            continue
-        cost = forest.depth[b, forest.nearest[b]]
-        for i in range(forest.size[b]):
-            if forest.to_goal[b, i] <= radius:
-                cost = min(cost, forest.depth[b, i])
-        for i in range(forest.size[b]):
-            ahead = max(np.ceil((forest.to_goal[b, i] - radius) / longest), 1)
-            useful = forest.depth[b, i] + ahead < cost
-            if useful != (sums[b, leaves + i] > 0):
-                crowding = min(forest.crowding[b, i], len(weights) - 1)
-                set_weight(sums[b], i, weights[crowding] if useful else 0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -25,6 +25,21 @@ def test_a_network_is_that_of_torch(sizes: tuple[int, ...], rows: int) -> None:
     np.testing.assert_allclose(found, net(torch.from_numpy(x))[None].detach(), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("width", [*range(27, 34), 127, 128, 129])
+@pytest.mark.parametrize("depth", [1, 2])
+def test_layers_of_every_width_are_those_of_torch(width: int, depth: int) -> None:
+    for sizes in ([5] + [width] * depth + [3], [width] * (depth + 1), [width, 9]):
+        net, x = mlp(sizes), array(7, sizes[0])
+        expected = net(torch.from_numpy(x))[None].detach()
+        np.testing.assert_allclose(DenseNetwork.of(net)(x), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (3, 6), (3, 0), (5,), (2, 3, 5)])
+def test_rows_of_another_width_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="5 inputs"):
+        DenseNetwork.of(mlp([5, 33, 2]))(array(*shape))
+
+
 def test_every_member_of_an_ensemble_sees_the_same_rows() -> None:
     layers = nn.ModuleList([EnsembleLinear(3, 6, 40), EnsembleLinear(3, 40, 4)])
     x = array(9, 6)

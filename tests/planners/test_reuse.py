@@ -11,11 +11,11 @@ from test_elast import LIMITS, RADII, grown, worlds
 from test_tree import assert_sound
 from toy import Box, only, problems
 
+from elast_cli.cells import NONE
 from elast_cli.planners import reuse, tree
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
 from elast_cli.planners.reuse import Memory
-from elast_cli.planners.tree import NONE
 from elast_cli.shapes import Bool, Float32, Int64
 
 BUDGET: dict[str, Any] = {"expansions": 400, "replan_expansions": 100}
@@ -154,6 +154,21 @@ def test_a_restored_tree_is_the_remembered_one_as_far_as_there_is_room() -> None
             np.testing.assert_array_equal(getattr(again, name), getattr(memory, name)[:size])
         gap = np.linalg.norm(memory.latent[:size] - goal, axis=1)
         assert forest.nearest.tolist() == [gap.argmin()]
+
+
+def test_a_tree_is_kept_as_far_as_it_is_worth_growing() -> None:
+    memory = hung(tree_of([NONE, 0, 1, 2, 3, 4]), np.array([0]))  # nodes at -1, 0, 1, ..., 5
+    near, far = np.array([1.2, 0], np.float32), np.array([5, 0], np.float32)
+
+    def kept(goal: Float32, room: int) -> int:
+        return len(reuse.fitted(memory, goal, 0.5, room).depth)
+
+    assert kept(near, 4) == 4  # cut to its cheapest nodes
+    assert kept(near, 2) == 1  # these do not reach the goal
+    assert kept(far, 7) == 7
+    assert kept(far, 6) == 1
+    assert kept(np.array([9, 0], np.float32), 13) == 1
+    assert kept(np.array([9, 0], np.float32), 14) == 7
 
 
 # ---- failed transitions -------------------------------------------------------------------------
@@ -305,7 +320,7 @@ def test_a_replanned_search_spends_little_where_the_old_tree_reaches_the_goal() 
 def test_replanning_never_spends_more_than_planning(replan: int) -> None:
     query = problems(2)
     plan = grown(query, expansions=3000).best_plan()
-    search = grown(later(query, plan), expansions=100, replan_expansions=replan)
+    search = grown(later(query, plan), expansions=100, replan_expansions=replan, max_nodes=5000)
     assert spent(search).tolist() == [min(100, replan)] * 2
 
 
@@ -317,7 +332,7 @@ def test_crowded_nodes_of_the_old_tree_are_seldom_drawn() -> None:
     for b in range(2):
         crowding = search.forest.crowding[b, : search.forest.size[b]]
         assert crowding.max() > 5
-        leaves = search.sums[b, search.sums.shape[1] // 2 :][: len(crowding)]
+        leaves = search.sparsity.sums[b, search.sparsity.sums.shape[1] // 2 :][: len(crowding)]
         np.testing.assert_allclose(leaves, (1.0 + crowding) ** -2)
 
 
@@ -338,3 +353,30 @@ def test_a_full_tree_that_does_not_reach_the_goal_gives_way_to_a_new_one() -> No
     again = replace(query, memory=plan.memory, seed=query.seed + 1)
     search = grown(again, **config)
     assert (spent(search) > 0).all()
+
+
+def test_a_nearly_full_tree_that_does_not_reach_the_goal_gives_way_as_the_start_moves() -> None:
+    query = replace(problems(3), context=np.full((3, 1), 9, np.float32))  # no door
+    config: dict[str, Any] = {"expansions": 4000, "max_nodes": 300}
+    plan = grown(query, **config).best_plan()
+    for step in range(1, 5):
+        query = later(query, plan, steps=0)
+        search = grown(query, **config)
+        assert (spent(search) >= 150).all(), step
+        plan = search.best_plan()
+        assert not plan.reached.any()
+
+
+def test_an_episodes_memory_is_bounded() -> None:
+    query = problems(2)
+    config: dict[str, Any] = {"expansions": 1500, "replan_expansions": 600, "prune": False}
+    plan = grown(query, **config).best_plan()
+    sizes = []
+    for _ in range(8):
+        assert plan.reached.all()
+        query = later(query, plan, steps=0)
+        search = grown(query, **config)
+        sizes.append(search.forest.size.max())
+        plan = search.best_plan()
+    assert max(sizes) > 3000  # it was cut
+    assert max(sizes) <= 3000 + 600

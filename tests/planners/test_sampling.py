@@ -6,26 +6,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elast_cli.planners import sampling
+from elast_cli.planners.sampling import Sparsity
+from elast_cli.seeding import generator
 from elast_cli.shapes import Float64, Int32
 
 ROWS = np.zeros(1, np.int64)
 
 
+def sparsity_of(rows: int, nodes: int, exponent: float) -> Sparsity:
+    """Of `nodes` that nothing crowds."""
+    found = Sparsity(
+        sampling.no_weights(rows, nodes),
+        np.zeros((rows, nodes), np.int32),
+        sampling.weight_table(exponent),
+    )
+    sampling.admit(found, np.zeros(rows, np.int64), np.full(rows, nodes))
+    return found
+
+
 def sums_of(crowding: list[int], exponent: float) -> Float64:
     """Sums over one row whose nodes are crowded so."""
-    sums = sampling.no_weights(1, len(crowding) + 1)  # one node more than the tree has
-    sampling.admit(sums, np.array([0]), np.array([len(crowding)]))
-    counts = np.zeros((1, len(crowding)), np.int32)
-    crowd(sums, counts, np.repeat(np.arange(len(crowding), dtype=np.int32), crowding), exponent)
-    assert counts[0].tolist() == crowding
-    return sums
+    sparsity = sparsity_of(1, len(crowding), exponent)
+    crowd(sparsity, np.repeat(np.arange(len(crowding), dtype=np.int32), crowding))
+    assert sparsity.crowding[0].tolist() == crowding
+    return sparsity.sums
 
 
-def crowd(sums: Float64, counts: Int32, node: Int32, exponent: float) -> None:
+def crowd(sparsity: Sparsity, node: Int32) -> None:
     """Count one more at each node [M] of one row."""
     edges = np.stack([np.zeros_like(node), node, node])
-    gap = np.zeros(len(node), np.float32)
-    sampling.crowd_along(sums, counts, sampling.weight_table(exponent), edges, gap, 0.0)
+    sampling.crowd_along(sparsity, edges, np.zeros(len(node), np.float32), 0.0)
 
 
 def choose(sums: Float64, size: int, draws: Float64, shares: tuple[float, float]) -> Int32:
@@ -71,31 +81,44 @@ def test_sums_depend_on_the_weights_and_not_on_their_history(seed: int) -> None:
     node = rng.integers(9, size=50).astype(np.int32)
     found = []
     for order in (node, rng.permutation(node)):
-        sums = sampling.no_weights(1, 9)
-        sampling.admit(sums, np.array([0]), np.array([9]))
-        counts = np.zeros((1, 9), np.int32)
-        crowd(sums, counts, order, 3.0)
-        found.append(sums)
+        sparsity = sparsity_of(1, 9, 3.0)
+        crowd(sparsity, order)
+        found.append(sparsity.sums)
     np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_only_short_edges_and_rejections_crowd() -> None:
-    sums = sampling.no_weights(2, 3)
-    sampling.admit(sums, np.zeros(2, int), np.full(2, 3))
-    counts, weights = np.zeros((2, 3), np.int32), sampling.weight_table(1.0)
+    sparsity = sparsity_of(2, 3, 1.0)
     edges = np.array([[0, 0, 1], [1, 2, 0], [0, 0, 2]], np.int32)
-    sampling.crowd_along(sums, counts, weights, edges, np.array([4, 5, 4], np.float32), 4.0)
-    assert counts.tolist() == [[0, 1, 0], [1, 0, 0]]
+    sampling.crowd_along(sparsity, edges, np.array([4, 5, 4], np.float32), 4.0)
+    assert sparsity.crowding.tolist() == [[0, 1, 0], [1, 0, 0]]
     alive, parent = np.array([[True, False]]), np.array([[0, 2]], np.int32)
-    sampling.crowd_rejected(sums, counts, weights, np.array([1]), alive, parent)
-    assert counts.tolist() == [[0, 1, 0], [1, 0, 1]]
-    assert sums[:, 1].tolist() == [2.5, 2.0]
+    sampling.crowd_rejected(sparsity, np.array([1]), alive, parent)
+    assert sparsity.crowding.tolist() == [[0, 1, 0], [1, 0, 1]]
+    assert sparsity.sums[:, 1].tolist() == [2.5, 2.0]
 
 
 def test_a_node_without_weight_stays_so_however_crowded() -> None:
-    sums = sampling.no_weights(1, 2)
-    sampling.admit(sums, np.array([0]), np.array([2]))
-    sampling.set_weight(sums[0], 1, 0.0)
-    counts = np.zeros((1, 2), np.int32)
-    crowd(sums, counts, np.array([0, 1], np.int32), 1.0)
-    assert (counts.tolist(), sums[0, 1]) == ([[1, 1]], 0.5)
+    sparsity = sparsity_of(1, 2, 1.0)
+    sampling.set_weight(sparsity.sums[0], 1, 0.0)
+    crowd(sparsity, np.array([0, 1], np.int32))
+    assert (sparsity.crowding.tolist(), sparsity.sums[0, 1]) == ([[1, 1]], 0.5)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.integers(1, 3 * sampling.BLOCK // 2), min_size=1, max_size=6))
+def test_random_numbers_do_not_depend_on_how_they_are_taken(counts: list[int]) -> None:
+    draws = sampling.Draws(np.array([5, 6]), 3)
+    found = np.concatenate([draws.take(count) for count in counts], axis=1)
+    for b, seed in enumerate((5, 6)):
+        np.testing.assert_array_equal(found[b], generator("plan", seed).random((found.shape[1], 3)))
+
+
+def test_no_crowding_takes_the_whole_weight_of_a_node() -> None:
+    weights = sampling.weight_table(400.0)
+    assert (weights > 0).all()
+    assert (np.diff(weights) <= 0).all()
+    sums = sums_of([9, 50], 400.0)
+    assert (sums[0, sums.shape[1] // 2 :][:2] > 0).all()
+    draws = np.array([[[0.0, 0.1], [0.0, 0.9]]])
+    assert choose(sums, 2, draws, (0.0, 1.0)).tolist() == [0, 1]

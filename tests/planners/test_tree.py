@@ -4,8 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elast_cli.cells import NONE
 from elast_cli.planners import tree
-from elast_cli.planners.tree import NONE, Forest
+from elast_cli.planners.tree import Forest
 from elast_cli.shapes import Int32
 
 
@@ -160,7 +161,7 @@ def test_the_cheapest_edge_into_each_node_is_picked_then_the_shortest() -> None:
     assert picked() == [(6, 4)]
     assert picked() == [(1, 4)]
     assert picked() == []  # 3-4 is an edge of the tree and lowers nothing
-    assert (forest.offer == NONE).all()
+    assert (forest.offer[0, : forest.size[0]] == NONE).all()
 
 
 def test_an_edge_that_failed_a_test_is_not_taken() -> None:
@@ -175,6 +176,14 @@ def test_an_edge_that_failed_a_test_is_not_taken() -> None:
 def test_edges_around_new_nodes_lead_in_and_out_again() -> None:
     pairs = np.array([[0, 1, 1], [0, 0, 1], [4, 5, 6]], np.int32)  # row, candidate, node
     index = np.array([[7, NONE], [NONE, 9]], np.int32)
-    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index)
+    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
     assert edges.tolist() == [[0, 1, 0, 1], [4, 6, 7, 9], [7, 9, 4, 6]]
     np.testing.assert_allclose(gap, [0.1, 0.3, 0.1, 0.3])
+
+
+def test_edges_between_mates_lead_where_both_went() -> None:
+    pairs = np.array([[0, 0, 0], [1, 2, 2], [50, 50, 51]], np.int32)  # row, candidate, 50 + mate
+    index = np.array([[7, NONE, 8]], np.int32)
+    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
+    assert edges.tolist() == [[0, 0], [7, 8], [8, 7]]
+    np.testing.assert_allclose(gap, [0.2, 0.2])
