@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, timed
+from elast_cli.density_training import train_density
 from elast_cli.models.cpc import cpc_loss
 from elast_cli.models.density import nce_loss
 from elast_cli.progress import Advance, Silent
@@ -23,7 +24,6 @@ from elast_cli.training import (
     LatentData,
     Setting,
     encode,
-    train_density,
     train_encoder,
     train_ensemble,
     train_policy,

@@ -10,10 +10,11 @@ from pydantic import Field
 from elast_cli.config import StrictModel
 from elast_cli.context_training import ContextStage
 from elast_cli.control import ControlConfig
+from elast_cli.density_training import DensityStage
 from elast_cli.layers import DataSections, merged
 from elast_cli.planners.cem import CemConfig
 from elast_cli.planners.elast import TreeConfig
-from elast_cli.training import DensityStage, EncoderStage, EnsembleStage, PolicyStage
+from elast_cli.training import EncoderStage, EnsembleStage, PolicyStage
 
 
 class EvalConfig(StrictModel):

@@ -17,11 +17,9 @@ from elast_cli.dataset import Dataset
 from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig, fit
 from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
-from elast_cli.models.density import DensityConfig, TransitionDensity, nce_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
-from elast_cli.models.noise import Noise, OtherContexts
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
@@ -29,7 +27,6 @@ from elast_cli.progress import Progress
 from elast_cli.seeding import derived_seed, generator
 from elast_cli.shapes import FRAMES, Bool, Int64
 
-FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
 VALIDATION_ROWS = 2048
 STAGES = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
@@ -53,13 +50,6 @@ class EnsembleStage(StrictModel):
 
     net: EnsembleConfig = EnsembleConfig()
     fit: FitConfig = FitConfig(steps=10_000, batch_size=512)
-
-
-class DensityStage(StrictModel):
-    """Everything `train-density` needs."""
-
-    net: DensityConfig = DensityConfig()
-    fit: FitConfig = FitConfig(steps=5000, batch_size=512)
 
 
 class PolicyStage(StrictModel):
@@ -309,7 +299,7 @@ def _latents(model: Representation, windows: FrameWindows, rows: Int64) -> Tenso
     return torch.cat(parts)
 
 
-def _fit_on_latents(
+def fit_on_latents(
     module: nn.Module,
     data: LatentData,
     loss: Callable[[np.random.Generator, int], tuple[Tensor, dict[str, Tensor]]],
@@ -334,7 +324,8 @@ def _fit_on_latents(
     )
 
 
-def _fit_scale(scale: LatentScale, data: LatentData) -> None:
+def fit_scale(scale: LatentScale, data: LatentData) -> None:
+    """Fit a model's scale to the transitions for training."""
     z, _, _, z_next = data.transitions(data.train)
     scale.fit(z, z_next)
 
@@ -352,7 +343,7 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
         state_size=sizes.state,
     ).to(setting.device)
     model = dynamics.ensemble
-    _fit_scale(model.scale, data)
+    fit_scale(model.scale, data)
     members = stage.net.members
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
@@ -368,7 +359,7 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
         predicted, _ = model(z, action, context)
         return {"mse": float(((predicted - z_next) / model.scale.step).square().mean())}
 
-    curve = _fit_on_latents(
+    curve = fit_on_latents(
         model, data, loss, validate, name="ensemble", config=stage.fit, setting=setting
     )
     metrics = {"val_mse": curve[-1]["val_mse"], **_calibrate_dynamics(dynamics, data, setting)}
@@ -399,91 +390,6 @@ def _calibrate_dynamics(
     }
 
 
-def train_density(
-    data: LatentData,
-    stage: DensityStage,
-    setting: Setting,
-    ensemble: DynamicsEnsemble | None = None,
-) -> Trained:
-    """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions.
-
-    Where there are contexts, `ensemble` says where steps lead in others.
-    """
-    seed_torch(setting.seed, "density")
-    psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
-    ratio = stage.net.noise_ratio
-    _fit_scale(psi.scale, data)
-    noise = _noise(data, psi, setting)
-    others = _other_contexts(data, psi, ensemble)
-
-    def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        z, _, context, z_next = data.transitions(rows)
-        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(rows, rng).flatten(0, 1)
-        targets = torch.cat([z_next, targets])
-        if others:
-            elsewhere, there = others.draw(rows, rng)
-            sources = torch.cat([sources, elsewhere.flatten(0, 1)])
-            targets = torch.cat([targets, there.flatten(0, 1)])
-        contexts = context.repeat(1 + ratio, 1)
-        is_data = torch.arange(len(sources), device=z.device) < len(z)
-        log_ratio = psi.log_ratio(sources, targets, contexts)
-        zero = torch.zeros_like(log_ratio)
-        correct = ((log_ratio > 0) == is_data).float()
-        accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
-        return nce_loss(log_ratio, zero, is_data, ratio), accuracy
-
-    def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
-        value, accuracy = objective(data.batch(rng, size), rng)
-        return value, {"balanced_accuracy": accuracy}
-
-    def validate(rows: Tensor) -> dict[str, float]:
-        value, accuracy = objective(rows, generator("train", 0, STAGES["density"]))
-        return {"nce": float(value), "balanced_accuracy": float(accuracy)}
-
-    curve = _fit_on_latents(
-        psi, data, loss, validate, name="density", config=stage.fit, setting=setting
-    )
-    with torch.no_grad():
-        z, _, context, z_next = data.transitions(data.val)
-        psi.log_density_quantiles.fit(psi(z, z_next, context))
-    metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
-    return Trained(psi, data.sizes, curve, metrics)
-
-
-def _step_length(data: LatentData, share: float) -> float:
-    """The quantile of the lengths of observed steps, in latent units."""
-    z, _, _, z_next = data.transitions(data.train)
-    return float(np.quantile((z_next - z).norm(dim=1).cpu().numpy(), share))
-
-
-def _other_contexts(
-    data: LatentData, psi: TransitionDensity, ensemble: DynamicsEnsemble | None
-) -> OtherContexts | None:
-    """Noise from other contexts, where there are any and some is asked for."""
-    count = psi.config.elsewhere(data.context.shape[1])
-    if not count:
-        return None
-    if ensemble is None:
-        raise ValueError("noise from other contexts needs the ensemble")
-
-    margin = FARTHER * _step_length(data, 0.5)
-    step = ensemble.by_one_member
-    return OtherContexts(data.z, data.action, data.context, data.train, step, margin, count)
-
-
-def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
-    contexts = data.context.shape[1]
-    return Noise(
-        data.z,
-        data.train,
-        std=psi.noise_std(),
-        ratio=psi.config.noise_ratio - psi.config.elsewhere(contexts),
-        near=psi.config.near(contexts),
-        radius=psi.config.near_radius * _step_length(data, 0.95),
-        rng=generator("train", setting.seed, STAGES["density"]),
-    )
-
-
 def train_policy(
     data: LatentData, ensemble: DynamicsEnsemble, stage: PolicyStage, setting: Setting
 ) -> Trained:
@@ -491,7 +397,7 @@ def train_policy(
     seed_torch(setting.seed, "policy")
     sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
     model = LocalPolicy(stage.net, *sizes).to(setting.device)
-    _fit_scale(model.scale, data)
+    fit_scale(model.scale, data)
 
     def error(rows: Tensor) -> Tensor:
         z, action, context, z_next = data.transitions(rows)
@@ -502,7 +408,7 @@ def train_policy(
         value = error(data.batch(rng, size))
         return value, {"mse": value}
 
-    curve = _fit_on_latents(
+    curve = fit_on_latents(
         model,
         data,
         loss,

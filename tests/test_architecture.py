@@ -14,8 +14,8 @@ FLOORS = {
     0: "batches cells config dataset dataset_file errors hdf5_safety manifest progress publish "
     "seeding shapes statistics store",
     1: "envs models planners",
-    2: "comparison context_training control fit layers plan_plot plots probe projection report "
-    "requirements training",
+    2: "comparison context_training control density_training fit layers plan_plot plots probe "
+    "projection report requirements training",
     3: "explain methods preset",
     4: "console stages",
     5: "__main__ cli options",

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from elast_cli.batches import Starts
 from elast_cli.dataset import Dataset, stack_rows
+from elast_cli.density_training import DensityStage, train_density
 from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig
 from elast_cli.models.cpc import CpcConfig, Representation
@@ -23,7 +24,6 @@ from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.progress import Silent
 from elast_cli.training import (
-    DensityStage,
     EncoderStage,
     EnsembleStage,
     FrameWindows,
@@ -33,7 +33,6 @@ from elast_cli.training import (
     Trained,
     encode,
     frame_features,
-    train_density,
     train_encoder,
     train_ensemble,
     train_policy,

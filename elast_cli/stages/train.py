@@ -181,7 +181,7 @@ def _ensemble(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Se
 
 
 def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_density
+    from elast_cli.density_training import train_density
 
     data = _encoded(job, inputs, dataset, setting)
     dynamics = _dynamics(job, inputs, setting) if "ensemble" in inputs else None
