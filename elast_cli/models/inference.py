@@ -179,7 +179,7 @@ class LatentWorld:
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""
         context = self._contexts(row)
-        found: Float32 = self._first(np.concatenate([z, context], 1) if context.size else z)[0]
+        found: Float32 = self._first(np.concatenate([z, context], 1) if context.shape[1] else z)[0]
         return found
 
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
