@@ -218,7 +218,6 @@ class Following:
         log: what planning cost and found.
         memory: the planner's own [B], handed back to it when it replans.
         failed: transitions [M,2,Z] of each row [B] that were tried in vain.
-        nearest: distance [B] from the goal at which each row has been while it ran.
     """
 
     task: Task
@@ -230,7 +229,6 @@ class Following:
     log: PlanLog
     memory: tuple[object, ...]
     failed: tuple[Float32, ...]
-    nearest: Float32
 
 
 @dataclass(frozen=True)
@@ -254,16 +252,13 @@ class Replan:
         rows = len(goal)
         zero = np.zeros(rows, np.int64)
         none = np.zeros((0, 2, goal.shape[1]), np.float32)
-        log, never = PlanLog.empty(rows), np.full(rows, np.inf, np.float32)
-        memory, failed = (None,) * rows, (none,) * rows
-        return Following(task, goal, None, goal, zero, zero, log, memory, failed, never)
+        log = PlanLog.empty(rows)
+        return Following(task, goal, None, goal, zero, zero, log, (None,) * rows, (none,) * rows)
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
         z = self.estimator(frames, state.task.background)
         state = self._noticed(state, z, running)
-        gap = np.where(running, np.linalg.norm(z - state.goal, axis=1), np.inf)
-        state = replace(state, nearest=np.minimum(state.nearest, gap))
         due = running & ((state.age % self.every == 0) | self._stuck(state))
         if due.any():
             state = self._replanned(state, z, np.flatnonzero(due))
@@ -302,7 +297,6 @@ class Replan:
             left=None if state.route is None else state.route.actions_left()[rows],
             memory=[memory[b] for b in rows],
             failed=[state.failed[b] for b in rows],
-            nearest=state.nearest[rows],
         )
         began = time.perf_counter()
         plan = self.planner.plan(query)

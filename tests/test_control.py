@@ -220,21 +220,6 @@ def test_only_running_rows_are_planned_for() -> None:
     assert len(planner.asked) == 2
 
 
-def test_a_plan_is_told_how_near_the_goal_its_row_has_been_in_vain() -> None:
-    planner = Straight()
-    controller = replan(planner, 1)
-    state = controller.begin(task_of(9, 9))
-    for one, other, runs in ((5, 1, True), (8, 2, True), (6, 9, False), (7, 3, True)):
-        _, state = controller.act(state, frames_of(one, other), np.array([True, runs]))
-    told = [query.nearest for query in planner.asked]
-    assert [None if near is None else near.tolist() for near in told] == [
-        [4, 8],
-        [1, 7],
-        [1],
-        [1, 6],
-    ]
-
-
 def test_rows_that_never_ran_stand_still() -> None:
     controller = replan(Straight(), 5)
     state = controller.begin(task_of(9, 9))

@@ -22,7 +22,6 @@ class Query:
         left: actions [B,H,A] not yet played of the plans before, zero where there are none.
         memory: what the planner kept of each row's plan before [B]; None where there is none.
         failed: transitions [M,2,Z] of each row [B] that execution tried in vain.
-        nearest: distance [B] from the goal at which execution has been without success.
     """
 
     start: Float32
@@ -32,7 +31,6 @@ class Query:
     left: Float32 | None = None
     memory: Sequence[object] = ()
     failed: Sequence[Float32] = ()
-    nearest: Float32 | None = None
 
 
 @dataclass(frozen=True)

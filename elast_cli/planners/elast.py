@@ -28,8 +28,7 @@ class TreeConfig(StrictModel):
     trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
     tree of the plan before, and spends `replan_expansions` once that reaches the goal. It keeps no
     more than `max_nodes`, or twice `expansions`, of that tree; one that does not reach the goal
-    and leaves less than half of this free gives way to a new one. Where execution has been without
-    success, the goal is not: its region shrinks to a share `goal_shrink` of that distance.
+    and leaves less than half of this free gives way to a new one.
 
     π proposes a share `steer_goal` of the actions, towards the goal, and a share `steer_sparse`
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
@@ -66,7 +65,6 @@ class TreeConfig(StrictModel):
     neighbor_quantile: float = Field(default=0.95, gt=0, le=1)
     crowding_steps: float | None = Field(default=0.5, gt=0)
     goal_steps: float = Field(default=1.0, gt=0)
-    goal_shrink: float = Field(default=0.7, gt=0, le=1)
     duplicate_steps: float = Field(default=0.2, ge=0)
     failure_steps: float = Field(default=0.5, ge=0)
 
@@ -120,10 +118,6 @@ class Search:
         self.limits, self.radii = planner.limits, planner.radii
         self.query = query
         config, scenarios = self.config, len(query.start)
-        self.goal_radius = np.full(scenarios, self.radii.goal)
-        if query.nearest is not None:
-            enough = config.goal_shrink * query.nearest
-            self.goal_radius = np.minimum(self.goal_radius, enough)
         self.tally = Tally.zero(scenarios)
         self.draws = sampling.Draws(query.seed, tree.DIRECTION + self.world.action_size)
         self.later = np.array(
@@ -181,14 +175,14 @@ class Search:
         action, admissible = self._round_trip(start, memory.latent[near], row)
         found = reuse.transplant(memory, root, feature, near[admissible], action[admissible])
         room = self.config.max_nodes or 2 * self.config.expansions  # bounds an episode's memory
-        return reuse.fitted(found, self.query.goal[b], self.goal_radius[b], room)
+        return reuse.fitted(found, self.query.goal[b], self.radii.goal, room)
 
     def _budget(self, b: int, found: Memory) -> int:
         """Expansions of row b: few where the tree that is there already reaches the goal."""
         if len(found.depth) == 1:
             return self.config.expansions
         warm = min(self.config.replan_expansions, self.config.expansions)
-        reached = reuse.reaches(found, self.query.goal[b], self.goal_radius[b])
+        reached = reuse.reaches(found, self.query.goal[b], self.radii.goal)
         return warm if reached else self.config.expansions
 
     def run(self) -> None:
@@ -201,7 +195,7 @@ class Search:
             if not len(rows):
                 break
             self.expand(rows)
-            arrived = self.later & (forest.nearest_distance <= self.goal_radius)
+            arrived = self.later & (forest.nearest_distance <= self.radii.goal)
             enough = self.done + self.config.replan_expansions
             self.budget[arrived] = np.minimum(self.budget[arrived], enough)
 
@@ -318,7 +312,7 @@ class Search:
         if config.rewire:
             self._offer(edges, gap, likely)
         if config.prune:
-            goal, longest = self.goal_radius, self.radii.longest
+            goal, longest = self.radii.goal, self.radii.longest
             sampling.prune(self.sparsity, forest, batch.rows, goal, longest)
 
     def _pairs(self, batch: Batch) -> tuple[Int32, Float32]:
@@ -415,14 +409,14 @@ class Search:
         """
         forest, goal = self.forest, self.query.goal
         nodes = forest.nearest.copy()
-        for b in np.flatnonzero(forest.nearest_distance <= self.goal_radius):
+        for b in np.flatnonzero(forest.nearest_distance <= self.radii.goal):
             latent = forest.latent[b, : forest.size[b]]
             distance = np.linalg.norm(latent - goal[b], axis=1)
-            inside = np.flatnonzero(distance <= self.goal_radius[b])
+            inside = np.flatnonzero(distance <= self.radii.goal)
             if len(inside):
                 order = np.lexsort((distance[inside], forest.depth[b, inside]))
                 nodes[b] = inside[order[0]]
-        return nodes, forest.nearest_distance <= self.goal_radius
+        return nodes, forest.nearest_distance <= self.radii.goal
 
     def best_plan(self) -> Plan:
         """Backtrack from each row's best node."""

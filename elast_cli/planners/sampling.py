@@ -161,7 +161,7 @@ def crowd_rejected(sparsity: Sparsity, rows: Int64, alive: Bool, parent: Int32) 
 
 
 @njit(cache=True, nogil=True)
-def prune(sparsity: Sparsity, forest: Forest, rows: Int64, radius: Float64, longest: float) -> None:
+def prune(sparsity: Sparsity, forest: Forest, rows: Int64, radius: float, longest: float) -> None:
     """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
 
     A path through a node costs its depth and at least as many steps as fit into its distance to
@@ -171,19 +171,19 @@ def prune(sparsity: Sparsity, forest: Forest, rows: Int64, radius: Float64, long
         sparsity: of the nodes.
         forest: the trees.
         rows: which of them [R].
-        radius: of the goal's region in each tree [B].
+        radius: of the goal's region.
         longest: length of a step.
     """
     leaves = sparsity.sums.shape[1] // 2
     for b in rows:
-        if forest.nearest_distance[b] > radius[b]:
+        if forest.nearest_distance[b] > radius:
             continue
         cost = forest.depth[b, forest.nearest[b]]
         for i in range(forest.size[b]):
-            if forest.to_goal[b, i] <= radius[b]:
+            if forest.to_goal[b, i] <= radius:
                 cost = min(cost, forest.depth[b, i])
         for i in range(forest.size[b]):
-            ahead = max(np.ceil((forest.to_goal[b, i] - radius[b]) / longest), 1)
+            ahead = max(np.ceil((forest.to_goal[b, i] - radius) / longest), 1)
             useful = forest.depth[b, i] + ahead < cost
             if useful and sparsity.sums[b, leaves + i] == 0:
                 _weigh(sparsity, b, i)

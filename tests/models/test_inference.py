@@ -121,6 +121,7 @@ def test_no_items_are_no_trouble(parts: dict[str, Any]) -> None:
     assert world.log_density(world.features(Z, ROW), none, none).shape == (0,)
     assert world.supported(Z[:0], 1.0).shape == (0,)
     assert world.step(Z[:0], ACTIONS[:0], none)[0].shape == (0, LATENT)
+    assert world.features(Z[:0], none).shape == (0, world.feature_size)
 
 
 def test_a_task_may_have_no_context() -> None:

@@ -483,18 +483,6 @@ def test_crowded_nodes_are_not_taken_for_pruned_ones() -> None:
         assert (search.sparsity.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
 
 
-def test_the_goals_region_shrinks_where_execution_has_been_in_vain() -> None:
-    query = problems(4, seed=2)
-    near = np.array([np.inf, 0.12, 0.05, 0.05], np.float32)
-    search = grown(replace(query, nearest=near), expansions=3000, goal_shrink=0.7)
-    np.testing.assert_allclose(search.goal_radius, [0.1, 0.084, 0.035, 0.035], rtol=1e-6)
-    plan = search.best_plan()
-    ends = plan.states[np.arange(4), plan.length - 1]
-    gap = np.linalg.norm(ends - query.goal, axis=1)
-    np.testing.assert_array_equal(plan.reached, gap <= search.goal_radius)
-    assert plan.reached[2:].all()
-
-
 def test_a_tree_that_cannot_do_better_stops() -> None:
     query = problems(2)
     start = query.goal + np.float32(0.5 * RADII.goal)
