@@ -82,8 +82,9 @@ class OtherContexts:
     this noise differs from data in nothing else. Of each row's
 
     - two in five leave its latent as H_f has it in another context, and get farther than they would
-      in its own: of a few tries, the one where the two differ the most;
-    - one goes on from the end of such a one;
+      in its own: of a few tries, the one where the two differ the most. Where none gets farther, as
+      far from all obstacles, it is the first try, an ordinary step;
+    - one goes on in that context from where such a one ended;
     - the rest are true transitions of other episodes, most of which begin where its own context has
       room, and some where it has none.
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from elast_cli.models import noise as module
+from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig
 from elast_cli.models.noise import FEWEST, Noise, OtherContexts
 
 RADIUS = 0.5
@@ -109,7 +112,11 @@ def test_noise_of_other_contexts_crosses_walls_goes_on_beyond_them_and_was_seen_
     wall = others.context[rows]
     crossing = [0, 2, 4, 5]
     assert (sources[crossing] == others.z[rows]).all()
-    assert ((targets[crossing] > wall + 1e-6) | (wall > 0.19)).float().mean() > 0.9
+    own = others.step(others.z[rows], others.action[rows], wall)
+    farther = (targets[crossing] > own + others.margin).float().mean((0, 2))
+    possible = (own < 0.2 - others.margin).flatten()  # 15 of 20 walls are farther than any step
+    assert farther[possible].mean() > 0.99
+    assert (farther[~possible] == 0).all()
     beyond = [1, 3]
     torch.testing.assert_close(sources[beyond], targets[[0, 2]])
     assert (targets[beyond] >= sources[beyond]).all()
@@ -123,3 +130,21 @@ def test_noise_of_other_contexts_is_the_same_for_the_same_seed_and_for_training_
     one, again = (others.draw(rows, np.random.default_rng(3)) for _ in range(2))
     torch.testing.assert_close(one, again, rtol=0, atol=0)
     assert (one[0][3:] < 0.85).all()  # no episode's last place starts a transition
+
+
+def test_where_no_context_gets_farther_a_false_step_is_an_ordinary_one() -> None:
+    others = replace(line_of_rooms(count=5), margin=1.0)
+    rows = torch.arange(0, 180, 10)
+    _, targets = others.draw(rows, np.random.default_rng(0))
+    walls = others.context[others.train]
+    assert torch.isin(targets[0], torch.cat([walls, torch.tensor([[0.2]])])).all()
+    assert len(targets[0].unique()) < len(walls.unique())
+
+
+def test_a_step_by_one_member_is_that_of_the_rows_own_member() -> None:
+    ensemble = DynamicsEnsemble(EnsembleConfig(members=3, width=8), 4, 2, 1)
+    z, action, context = torch.rand(7, 4), torch.rand(7, 2), torch.rand(7, 1)
+    steps = ensemble.members(z, action, context)
+    expected = torch.stack([z[i] + steps[i % 3, i] * ensemble.scale.step for i in range(7)])
+    torch.testing.assert_close(ensemble.by_one_member(z, action, context), expected)
+    assert ensemble.by_one_member(z[:0], action[:0], context[:0]).shape == (0, 4)
