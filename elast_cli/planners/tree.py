@@ -357,19 +357,6 @@ def count(calls: Int64, row: Int64, each: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, most: float) -> Bool:
-    """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M]."""
-    out = np.empty(len(landed), np.bool_)
-    for m in range(len(landed)):
-        gap = np.float32(0)
-        for d in range(landed.shape[1]):
-            step = landed[m, d] - z_next[m, d]
-            gap += step * step
-        out[m] = np.sqrt(gap) <= radius and variance[m] <= most
-    return out
-
-
-@njit(cache=True, nogil=True)
 def lengths(x: Float32) -> Float32:
     """Euclidean length [M] of each row [M,Z]."""
     out = np.empty(len(x), np.float32)
@@ -379,6 +366,13 @@ def lengths(x: Float32) -> Float32:
             total += x[m, d] * x[m, d]
         out[m] = np.sqrt(total)
     return out
+
+
+@njit(cache=True, nogil=True)
+def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, most: float) -> Bool:
+    """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M]."""
+    near: Bool = lengths(landed - z_next) <= radius
+    return near & (variance <= most)
 
 
 def path_to(forest: Forest, b: int, node: int) -> list[int]:
