@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, row
-from elast_cli.methods import Models, elast_planner
+from elast_cli.methods import Models, tree_planner
 from elast_cli.models.dense import DenseNetwork
 from elast_cli.planners.base import Query, World
 from elast_cli.planners.elast import TreeConfig
@@ -71,7 +71,7 @@ class Recorder:
 
 def measure(models: Models, config: TreeConfig, query: Query, *, repeats: int = 3) -> Arithmetic:
     """The least of `repeats` CPU times of each; for models on the CPU, without a context."""
-    planner = elast_planner(models, config)
+    planner = tree_planner(models, config)
     recorder = Recorder(planner.world(query.context))
     replace(planner, world=lambda _: recorder).plan(query)
     nets = modules(models)

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.document import Figure
 from benchmarks.serial import TorchNetworks, plan_serially
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import elast_planner
+from elast_cli.methods import tree_planner
 from elast_cli.planners.base import Query
 
 AIM = 15.0
@@ -21,8 +21,8 @@ def figures(bench: Bench) -> list[Figure]:
     """Two baselines, for one scenario and for several at once; times are of one plan."""
     sizes, config = bench.sizes, bench.tree()
     repeats = min(REPEATS, sizes.repeats)
-    planner = elast_planner(bench.models, config)
-    one_by_one = elast_planner(bench.models, bench.tree(batch_min=1, batch_max=1))
+    planner = tree_planner(bench.models, config)
+    one_by_one = tree_planner(bench.models, bench.tree(batch_min=1, batch_max=1))
     query = bench.query(sizes.rows)
     planner.plan(row(query, 0))  # compiles, or loads what was compiled
     rows = [row(query, b) for b in range(sizes.serial_rows)]
@@ -59,7 +59,7 @@ def figures(bench: Bench) -> list[Figure]:
 def _plain(bench: Bench) -> Callable[[Query], int]:
     """The plain program: from a query without a context to its path's number of states."""
     config = bench.tree()
-    engine = elast_planner(bench.models, config)
+    engine = tree_planner(bench.models, config)
     networks = TorchNetworks(bench.models, np.zeros(0, np.float32))
 
     def length(query: Query) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import elast_planner
+from elast_cli.methods import tree_planner
 from elast_cli.planners.base import Query
 from elast_cli.planners.elast import ElastPlanner, Search
 
@@ -51,11 +51,11 @@ def measure(bench: Bench, **changes: object) -> Growth:
     """Plan with every budget of expansions, with some changes to the search."""
     query = bench.query(SCENARIOS)
     warm = bench.tree(expansions=100, **changes)
-    elast_planner(bench.models, warm).plan(row(query, 0))  # compiles
+    tree_planner(bench.models, warm).plan(row(query, 0))  # compiles
     seconds, nodes = [], []
     for expansions in bench.sizes.growth:
         config = bench.tree(expansions=expansions, batch_min=BATCH, batch_max=BATCH, **changes)
-        planner = elast_planner(bench.models, config)
+        planner = tree_planner(bench.models, config)
         runs = [
             timed(partial(nodes_of_plan, planner, row(query, b)), bench.sizes.repeats)
             for b in range(SCENARIOS)

@@ -8,7 +8,7 @@ import pstats
 import re
 
 from benchmarks.trained import Bench, row
-from elast_cli.methods import elast_planner
+from elast_cli.methods import tree_planner
 
 LINES = 18
 
@@ -21,7 +21,7 @@ def page(bench: Bench) -> str:
         ("In batches (the default)", {}),
         ("One expansion at a time (`batch_min=1 batch_max=1`)", {"batch_min": 1, "batch_max": 1}),
     ):
-        planner = elast_planner(bench.models, bench.tree(**changes))
+        planner = tree_planner(bench.models, bench.tree(**changes))
         planner.plan(query)  # compiles
         profile = cProfile.Profile()
         profile.runcall(planner.plan, query)

@@ -11,7 +11,7 @@ from benchmarks.document import Figure
 from benchmarks.trained import ENV, LEVEL, Bench, row
 from elast_cli.control import Replan, run_episodes
 from elast_cli.envs import make, scenarios, spec
-from elast_cli.methods import METHODS, context_reader, elast_planner
+from elast_cli.methods import METHODS, context_reader, tree_planner
 from elast_cli.planners.base import Plan, Planner, Query
 
 
@@ -41,7 +41,7 @@ def warm_up(planner: Planner, query: Query) -> None:
 def figures(bench: Bench) -> list[Figure]:
     """Episodes one by one, with the default control and the preset's budget of expansions."""
     config = bench.job.config
-    warm_up(elast_planner(bench.models, config.planner), row(bench.query(1), 0))
+    warm_up(tree_planner(bench.models, config.planner), row(bench.query(1), 0))
     controller = METHODS["elast"].build(bench.models, config, ENV, 1)
     assert isinstance(controller, Replan)
     planner = Timed(controller.planner)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -19,11 +19,16 @@ S = TypeVar("S")
 
 
 class ControlConfig(StrictModel):
-    """How a plan is followed; n_replan is not stated in the paper's main text."""
+    """How a plan is followed; n_replan is not stated in the paper's main text.
 
+    Its states are tracked by π, or its actions played as they stand, which suits plans made by
+    shooting, often anew.
+    """
+
+    follow: Literal["states", "actions"] = "states"
     replan_every: int = Field(default=20, ge=1)
     lookahead: int = Field(default=3, ge=1)
-    patience: int = Field(default=3, ge=0)  # steps without moving that make a plan fail; 0: any
+    patience: int = Field(default=2, ge=0)  # steps without moving that make a plan fail; 0: any
     stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
 
 
@@ -79,6 +84,10 @@ class Follower(Protocol):
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
         """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
+        ...
+
+    def spent(self, route: Route) -> Bool:
+        """Whose plan has nothing more to say [B]."""
         ...
 
 
@@ -149,6 +158,10 @@ class TrackStates:
         target = np.where((progress >= route.length - 1)[:, None], goal, route.states[rows, aim])
         return self.policy(z, target, context), replace(route, progress=progress, aim=target)
 
+    def spent(self, route: Route) -> Bool:
+        """Nobody's [B]: past the last waypoint there is the goal itself."""
+        return np.zeros(len(route.length), np.bool_)
+
 
 @dataclass(frozen=True)
 class PlayActions:
@@ -165,6 +178,11 @@ class PlayActions:
         aim = route.states[rows, np.minimum(after, route.length - 1)]
         route = replace(route, progress=after, aim=np.where(left, aim, goal))
         return np.where(left, action, np.float32(0)), route
+
+    def spent(self, route: Route) -> Bool:
+        """Whose actions have all been played [B]."""
+        played: Bool = route.progress >= route.length - 1
+        return played
 
 
 @dataclass(frozen=True)
@@ -260,6 +278,8 @@ class Replan:
         z = self.estimator(frames, state.task.background)
         state = self._noticed(state, z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))
+        if state.route is not None:
+            due |= running & self.follower.spent(state.route)
         if due.any():
             state = self._replanned(state, z, np.flatnonzero(due))
         assert state.route is not None  # the first step plans

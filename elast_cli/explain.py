@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elast_cli.manifest import JsonDict
-from elast_cli.methods import Models, elast_planner
+from elast_cli.methods import Models, tree_planner
 from elast_cli.planners.base import Query
 from elast_cli.planners.elast import Search, TreeConfig
 from elast_cli.planners.tree import path_to
@@ -41,7 +41,7 @@ class Explanation:
 
 def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv) -> Explanation:
     """Plan for one query row by the tree and account for every edge of the path."""
-    planner = elast_planner(models, config)
+    planner = tree_planner(models, config)
     began = time.perf_counter()
     search = Search(planner, query)
     search.run()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from elast_cli.models.density import TransitionDensity
     from elast_cli.models.policy import LocalPolicy
     from elast_cli.models.support import SupportedDynamics
-    from elast_cli.planners.base import Limits, Radii
+    from elast_cli.planners.base import Limits, Planner, Radii
     from elast_cli.planners.elast import ElastPlanner, TreeConfig
     from elast_cli.preset import Preset
 
@@ -82,21 +82,38 @@ class Method:
 
 
 def _elast(models: Models, preset: Preset, env: str, rows: int) -> Controller[Any]:
-    from elast_cli.control import Replan, TrackStates
+    from elast_cli.control import PlayActions, Replan, TrackStates
     from elast_cli.models.inference import FrameEncoder, PolicyCall
 
+    played = preset.control.follow == "actions"
     return Replan(
         FrameEncoder(models.encoder.encoder),
         elast_planner(models, preset.planner),
-        TrackStates(PolicyCall(models.policy), preset.control.lookahead),
+        PlayActions()
+        if played
+        else TrackStates(PolicyCall(models.policy), preset.control.lookahead),
         preset.control.replan_every,
         preset.control.patience,
         preset.control.stall_steps * models.encoder.step_length(0.5),
     )
 
 
-def elast_planner(models: Models, config: TreeConfig) -> ElastPlanner:
-    """The tree planner on trained models, with its thresholds from their calibration."""
+def elast_planner(models: Models, config: TreeConfig) -> Planner:
+    """The planner on trained models, with its thresholds from their calibration.
+
+    It grows trees, and where the configuration has it refines their paths by shooting.
+    """
+    from elast_cli.planners.shooting import ShootingPlanner
+
+    trees, median = tree_planner(models, config), models.encoder.step_length(0.5)
+    if not config.refine:
+        return trees
+    goal, kept = config.refine_goal_steps * median, config.refine_kept_steps * median
+    return ShootingPlanner(trees, median, goal, kept)
+
+
+def tree_planner(models: Models, config: TreeConfig) -> ElastPlanner:
+    """The part of the planner that grows trees."""
     from elast_cli.models.inference import LatentWorld
     from elast_cli.planners.elast import ElastPlanner
 
@@ -200,6 +217,7 @@ def _random(models: Models, preset: Preset, env: str, rows: int) -> Controller[A
     return Random([RandomPolicy(size, preset.collect.policy) for _ in range(rows)])
 
 
+_TREES_ALONE = {"follow": "states", "replan_every": 20}
 _LEARNED = ("context", "encoder", "ensemble", "density", "policy")
 METHODS: dict[str, Method] = {}
 
@@ -249,10 +267,14 @@ variant(
     prune=False,
     reuse=False,
     failure_steps=0.0,
-    control={"patience": 0},
+    refine=0,
+    control={**_TREES_ALONE, "patience": 0},
 )
 variant("elast-serial", of="elast", about="one expansion at a time", batch_min=1, batch_max=1)
 variant("elast-no-reuse", of="elast", about="every plan grows a new tree", reuse=False)
+variant(
+    "elast-no-refine", of="elast", about="trees alone, no shooting", refine=0, control=_TREES_ALONE
+)
 variant("elast-no-support", of="elast", about="no support test", support_quantile=None)
 variant("elast-no-roundtrip", of="elast", about="no round-trip test", round_trip_quantile=None)
 for _base in ("elast", "elast-psi"):

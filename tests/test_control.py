@@ -238,6 +238,15 @@ def test_a_new_plan_is_told_the_actions_left_of_the_last() -> None:
     assert planner.asked[1].left[0, :, 0].tolist() == [1, 0, 0, 0]  # 1, 1 were played of 1, 1, 1, 0
 
 
+def test_a_row_plans_anew_once_its_actions_are_spent_but_tracks_its_goal_after_its_states() -> None:
+    for follower, plans in ((PlayActions(), [1, 1, 1, 2]), (TrackStates(towards, 1), [1] * 4)):
+        controller = Replan(brightness, Straight(steps=3), follower, 20)
+        state = controller.begin(task_of(9))
+        for level, count in zip((1, 2, 3, 4), plans, strict=True):
+            _, state = controller.act(state, frames_of(level), np.array([True]))
+            assert state.log.plans.tolist() == [count]
+
+
 @dataclass
 class Remembering(Straight):
     """Hands every row's plan the number of plans before it as memory."""

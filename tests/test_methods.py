@@ -16,11 +16,11 @@ from elast_cli.methods import (
     Models,
     context_reader,
     controller,
-    elast_planner,
     limits,
     load_models,
     method_named,
     radii,
+    tree_planner,
 )
 from elast_cli.models.context import ContextAutoencoder, ContextConfig, context_vectors
 from elast_cli.models.cpc import CpcConfig, Representation
@@ -33,6 +33,7 @@ from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.planners.cem import CemPlanner
 from elast_cli.planners.elast import ElastPlanner
+from elast_cli.planners.shooting import ShootingPlanner
 from elast_cli.preset import Preset
 from elast_cli.shapes import FRAMES
 
@@ -61,12 +62,14 @@ LITERAL = {
     "connect_candidates": 1_000_000,
     "reuse": False,
     "failure_steps": 0.0,
+    "refine": 0,
 }
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "elast-psi": ("elast", {"support_quantile": None, "round_trip_quantile": None}),
     "elast-literal": ("elast-psi", LITERAL),
     "elast-serial": ("elast", {"batch_min": 1, "batch_max": 1}),
     "elast-no-reuse": ("elast", {"reuse": False}),
+    "elast-no-refine": ("elast", {"refine": 0}),
     "elast-no-support": ("elast", {"support_quantile": None}),
     "elast-no-roundtrip": ("elast", {"round_trip_quantile": None}),
 }
@@ -152,12 +155,14 @@ def test_methods_are_built_of_the_parts_they_name(
 
     tree, shooting = build("elast"), build("cpc-cem")
     assert isinstance(tree, Replan)
-    assert isinstance(tree.planner, ElastPlanner)
-    assert isinstance(tree.follower, TrackStates)
-    assert (tree.every, tree.follower.lookahead) == (
-        tiny.control.replan_every,
-        tiny.control.lookahead,
-    )
+    refines = tiny.planner.refine > 0
+    assert isinstance(tree.planner, ShootingPlanner if refines else ElastPlanner)
+    assert isinstance(tree.follower, PlayActions if refines else TrackStates)
+    assert tree.every == tiny.control.replan_every
+    alone = build("elast-no-refine")
+    assert isinstance(alone.planner, ElastPlanner)
+    assert isinstance(alone.follower, TrackStates)
+    assert alone.follower.lookahead == tiny.control.lookahead
     assert isinstance(shooting, Replan)
     assert isinstance(shooting.planner, CemPlanner)
     assert isinstance(shooting.follower, PlayActions)
@@ -174,9 +179,15 @@ def test_a_variant_differs_from_its_base_in_what_it_says_and_nothing_else(
     theirs = METHODS[base].configure(tiny)
     expected = {**theirs.planner.model_dump(), **changes}
     assert own.planner.model_dump() == expected
-    assert all(theirs.planner.model_dump()[key] != value for key, value in changes.items())
-    patience = 0 if name == "elast-literal" else theirs.control.patience
-    assert own.control == theirs.control.model_copy(update={"patience": patience})
+    refines = theirs.planner.refine > 0  # only some tasks do
+    differing = {key for key in changes if key != "refine" or refines}
+    assert all(theirs.planner.model_dump()[key] != changes[key] for key in differing)
+    control = {}
+    if "refine" in changes:
+        control = {"follow": "states", "replan_every": 20}
+    if name == "elast-literal":
+        control["patience"] = 0
+    assert own.control == theirs.control.model_copy(update=control)
     both = {"planner": theirs.planner, "control": theirs.control}
     assert own.model_copy(update=both) == theirs
     assert METHODS[name].needs == METHODS[base].needs
@@ -263,7 +274,7 @@ def test_without_the_ensemble_the_forward_model_predicts(
     context = np.zeros((1, 0), np.float32)
     for use, members in ((True, 2), (False, 1)):
         config = tiny.planner.model_copy(update={"use_ensemble": use})
-        assert elast_planner(models, config).world(context).members == members
+        assert tree_planner(models, config).world(context).members == members
 
 
 def test_parts_that_are_not_given_stay_none(folders: dict[str, Path]) -> None:

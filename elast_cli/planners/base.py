@@ -32,6 +32,18 @@ class Query:
     memory: Sequence[object] = ()
     failed: Sequence[Float32] = ()
 
+    def at(self, rows: Int64) -> Query:
+        """The problems at `rows` [R] on their own."""
+        return Query(
+            self.start[rows],
+            self.goal[rows],
+            self.context[rows],
+            self.seed[rows],
+            None if self.left is None else self.left[rows],
+            [self.memory[b] for b in rows] if self.memory else (),
+            [self.failed[b] for b in rows] if self.failed else (),
+        )
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -132,7 +144,7 @@ class Radii:
         neighbor: r_neigh, within which nodes are rewired.
         goal: r_goal, within which a path counts as having reached the goal.
         crowding: within which nodes count as crowding each other; at most `neighbor`.
-        failure: an edge whose ends both lie this near to those of a failed transition is refused.
+        failure: how far about a way that failed no path may lead; 0 closes hardly more than it.
         duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
         longest: what a step covers at most, for lower bounds of a path's cost; where a step can
             be longer, these are estimates.

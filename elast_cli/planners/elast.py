@@ -34,6 +34,10 @@ class TreeConfig(StrictModel):
     towards another sparse node. With `prune`, nodes that cannot shorten the path any more are not
     chosen for being sparse, and a tree without any others stops. It takes for granted that no step
     is longer than `Radii.longest`, which for trained models is a little more than any observed.
+
+    With `refine`, the actions of `refine_paths` paths are changed, in as many iterations at most,
+    so that they end nearer to the goal, if possible within `refine_goal_steps` median steps of it.
+    What is left of a plan is kept as long as it can be refined to end within `refine_kept_steps`.
     """
 
     expansions: int = Field(default=12_000, ge=1)
@@ -66,7 +70,11 @@ class TreeConfig(StrictModel):
     crowding_steps: float | None = Field(default=0.5, gt=0)
     goal_steps: float = Field(default=1.0, gt=0)
     duplicate_steps: float = Field(default=0.2, ge=0)
-    failure_steps: float = Field(default=0.5, ge=0)
+    failure_steps: float = Field(default=1.2, ge=0)
+    refine: int = Field(default=0, ge=0)
+    refine_paths: int = Field(default=6, ge=1)
+    refine_goal_steps: float = Field(default=0.6, ge=0)
+    refine_kept_steps: float = Field(default=1.25, ge=0)
 
     @model_validator(mode="after")
     def _shares_and_batches(self) -> TreeConfig:
@@ -104,9 +112,13 @@ class ElastPlanner:
 
     def plan(self, query: Query) -> Plan:
         """Grow a tree for each row and return its best path."""
+        return self.grow(query).best_plan()
+
+    def grow(self, query: Query) -> Search:
+        """Grow a tree for each row."""
         search = Search(self, query)
         search.run()
-        return search.best_plan()
+        return search
 
 
 class Search:
@@ -238,7 +250,7 @@ class Search:
         self.tally.transitions[rows] += parent.shape[1] * self.world.members
         alive = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
         if self.failures:
-            alive &= ~self._failed(z, z_new, row)
+            alive &= ~self._closed(z_new, row)
         shape = parent.shape
         return Batch(rows, parent, action, z_new.reshape(*shape, -1), alive.reshape(shape))
 
@@ -378,12 +390,12 @@ class Search:
                 action, admissible = self._round_trip(*ends)
                 tree.rewire(forest, row, source, target, action, admissible)
 
-    def _failed(self, z: Float32, z_next: Float32, row: Int64) -> Bool:
-        """Which transitions [M] resemble one that execution has tried in vain."""
-        found = [np.flatnonzero(row == b) for b in self.failures]
+    def _closed(self, z: Float32, row: Int64) -> Bool:
+        """Which places [M] execution could not get to."""
         out = np.zeros(len(row), np.bool_)
-        for at, pairs in zip(found, self.failures.values(), strict=True):
-            out[at] = reuse.resembles(z[at], z_next[at], pairs, self.radii.failure)
+        for b, failed in self.failures.items():
+            at = np.flatnonzero(row == b)
+            out[at] = reuse.closed(z[at], failed, self.radii.failure)
         return out
 
     def _round_trip(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Bool]:
@@ -399,7 +411,7 @@ class Search:
         else:
             admissible = np.ones(len(row), np.bool_)
         if self.failures:
-            admissible &= ~self._failed(z, z_next, row)
+            admissible &= ~self._closed(z_next, row)
         return action, admissible
 
     def best_nodes(self) -> tuple[Int64, Bool]:

@@ -101,24 +101,36 @@ def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
 
 
 @njit(cache=True, nogil=True)
-def resembles(z: Float32, z_next: Float32, failed: Float32, radius: float) -> Bool:
-    """Which transitions [M,Z] -> [M,Z] have both ends within `radius` of a failed one's [P,2,Z]."""
+def closed(z: Float32, failed: Float32, radius: float) -> Bool:
+    """Which places [M,Z] lie within `radius` of a way that failed transitions [P,2,Z] close.
+
+    Execution that stood at z, aimed at z' and did not move has learned that the way to z' is
+    barred. From one radius away from z on, and at least there, it is closed from all sides: what
+    bars it is hardly ever met at one point only.
+    """
     out = np.zeros(len(z), np.bool_)
-    for m in range(len(z)):
-        for p in range(len(failed)):
-            here, there = np.float32(0), np.float32(0)
+    for p in range(len(failed)):
+        way = failed[p, 1] - failed[p, 0]
+        squared = (way * way).sum()
+        if squared == 0:
+            continue
+        first = radius / np.sqrt(squared)
+        last = max(first, 1.0)
+        for m in range(len(z)):
+            along = np.float32(0)
             for d in range(z.shape[1]):
-                here += (z[m, d] - failed[p, 0, d]) ** 2
-                there += (z_next[m, d] - failed[p, 1, d]) ** 2
-            out[m] |= here <= radius * radius and there <= radius * radius
+                along += (z[m, d] - failed[p, 0, d]) * way[d]
+            share = np.float32(min(last, max(first, along / squared)))
+            gap = np.float32(0)
+            for d in range(z.shape[1]):
+                gap += (z[m, d] - failed[p, 0, d] - share * way[d]) ** 2
+            out[m] |= gap <= radius * radius
     return out
 
 
 def without(memory: Memory, failed: Float32, radius: float) -> Memory:
-    """The tree with the edges cut that resemble a failed transition; what they held hangs free."""
-    edge = memory.parent != NONE
-    z = memory.latent[np.where(edge, memory.parent, 0)]
-    cut = edge & resembles(z, memory.latent, failed, radius)
+    """The tree with the edges into closed places cut; what they held hangs free."""
+    cut = (memory.parent != NONE) & closed(memory.latent, failed, radius)
     return replace(memory, parent=np.where(cut, np.int32(NONE), memory.parent))
 
 

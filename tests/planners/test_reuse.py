@@ -174,12 +174,19 @@ def test_a_tree_is_kept_as_far_as_it_is_worth_growing() -> None:
 # ---- failed transitions -------------------------------------------------------------------------
 
 
-def test_a_transition_resembles_another_if_both_ends_do() -> None:
-    failed = np.array([[[0, 0], [1, 0]], [[5, 5], [6, 6]]], np.float32)
-    z = np.array([[0, 0.1], [0, 0.1], [0, 0.3], [1, 0], [5, 5]], np.float32)
-    z_next = np.array([[1, 0.1], [1, 0.3], [1, 0], [0, 0], [6, 6]], np.float32)
-    assert reuse.resembles(z, z_next, failed, 0.2).tolist() == [True, False, False, False, True]
-    assert not reuse.resembles(z, z_next, NO_FAILURE, 0.2).any()
+def test_what_lies_about_a_failed_way_is_closed_from_one_radius_on() -> None:
+    failed = np.array([[[0, 0], [1, 0]]], np.float32)
+    places = [[0.5, 0], [1, 0.19], [1.19, 0], [0.2, 0.19], [0.05, 0]]
+    others = [[0, 0], [-0.1, 0], [1, 0.3], [1.3, 0], [0, 0.15], [0.1, 0.19]]
+    assert reuse.closed(np.array(places, np.float32), failed, 0.2).all()
+    assert not reuse.closed(np.array(others, np.float32), failed, 0.2).any()
+    assert not reuse.closed(np.array(places, np.float32), NO_FAILURE, 0.2).any()
+
+
+def test_a_short_attempt_closes_what_lies_one_radius_ahead() -> None:
+    failed = np.array([[[5, 5], [5, 5.01]], [[0, 0], [0, 0]]], np.float32)
+    z = np.array([[5, 5.2], [5, 5.39], [5, 4.99], [0, 0]], np.float32)
+    assert reuse.closed(z, failed, 0.2).tolist() == [True, True, False, False]
 
 
 def test_a_cut_edge_leaves_what_it_held_to_whoever_adopts_it() -> None:
@@ -248,7 +255,7 @@ def test_the_laws_of_the_tree_hold_after_reuse(seed: int, world: Box, failing: b
 
 @law
 @given(seeds, worlds)
-def test_no_edge_resembles_a_failed_transition(seed: int, world: Box) -> None:
+def test_no_edge_leads_into_a_closed_place(seed: int, world: Box) -> None:
     query = problems(3, seed)
     plan = grown(query, world, **BUDGET).best_plan()
     query = later(query, plan, steps=0)
@@ -256,7 +263,8 @@ def test_no_edge_resembles_a_failed_transition(seed: int, world: Box) -> None:
     for again in (query, replace(query, memory=())):
         search = grown(again, world, radii=FAILING, **BUDGET)
         for b in range(3):
-            assert not reuse.resembles(*ends(search, b), query.failed[b], FAILING.failure).any()
+            _, into = ends(search, b)
+            assert not reuse.closed(into, query.failed[b], FAILING.failure).any()
 
 
 def test_other_failures_than_those_of_the_tree_change_nothing_but_what_they_forbid() -> None:

@@ -93,14 +93,4 @@ def problems(rows: int, seed: int = 0) -> Query:
 
 def only(query: Query, row: int) -> Query:
     """One row of a query on its own."""
-    one = slice(row, row + 1)
-    left = None if query.left is None else query.left[one]
-    return Query(
-        query.start[one],
-        query.goal[one],
-        query.context[one],
-        query.seed[one],
-        left,
-        query.memory[one],
-        query.failed[one],
-    )
+    return query.at(np.array([row]))
