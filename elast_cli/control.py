@@ -21,8 +21,8 @@ S = TypeVar("S")
 class ControlConfig(StrictModel):
     """How a plan is followed; n_replan is not stated in the paper's main text.
 
-    Its states are tracked by π, or its actions played as they stand, which suits plans made by
-    shooting, often anew.
+    Either π tracks its states, or its actions are played as they stand: that suits plans made by
+    shooting, which are refined again every few steps.
     """
 
     follow: Literal["states", "actions"] = "states"
@@ -254,7 +254,8 @@ class Replan:
     """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c).
 
     A row that has not moved farther than `stall_distance` for `patience` steps plans again at once,
-    and the transition that it tried in vain is remembered for the rest of the episode.
+    and the transition that it tried in vain is remembered for the rest of the episode. A row whose
+    plan has nothing more to say plans again, too.
     """
 
     estimator: Estimator
