@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
@@ -23,6 +24,10 @@ class CpcConfig(StrictModel):
 
     With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
     close together in latent space, searched for anew every `refresh` steps.
+
+    With `views_weight`, InfoNCE between two views of each window's last state is added, each with
+    pixel noise of `view_noise` (in the images' global deviation). It asks for all that pixels show,
+    in the proportion in which they show it, and not only for what actions foretell.
     """
 
     horizon: int = Field(default=3, ge=1, le=20)
@@ -32,6 +37,8 @@ class CpcConfig(StrictModel):
     negatives: Literal["last", "window"] = "last"
     lookalikes: int = Field(default=1, ge=1, le=1024)
     refresh: int = Field(default=250, ge=1)
+    views_weight: float = Field(default=0.0, ge=0)
+    view_noise: float = Field(default=1.0, gt=0)
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -87,3 +94,15 @@ def cpc_loss(
     contrast = info_nce(predicted, states)
     total = contrast + config.consistency_weight * consistency
     return total, {"info_nce": contrast, "consistency": consistency}
+
+
+def view_loss(
+    model: Representation, features: Tensor, config: CpcConfig, rng: np.random.Generator
+) -> Tensor:
+    """InfoNCE between two noisy views of the same states: scalar, from stacks [M,F,3,S,S]."""
+    z = []
+    for _ in range(2):
+        noise = torch.from_numpy(rng.standard_normal(tuple(features.shape), dtype=np.float32))
+        deviation = config.view_noise * model.encoder.scale
+        z.append(model.encoder(features.float() + noise.to(features.device) * deviation))
+    return info_nce(*z)

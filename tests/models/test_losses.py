@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce
+from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce, view_loss
 from elast_cli.models.density import nce_loss
 from elast_cli.models.encoder import EncoderConfig
 
@@ -112,6 +112,23 @@ def test_all_states_of_all_windows_may_be_negatives() -> None:
     contrast = -np.log(np.exp(np.diag(logits)) / np.exp(logits).sum(1)).mean()
     _, parts = cpc_loss(toy_representation(config), features, actions, context, config)
     assert parts["info_nce"].item() == pytest.approx(contrast, rel=1e-5)
+
+
+def test_views_of_a_state_differ_by_noise_in_the_images_own_deviation() -> None:
+    def loss(config: CpcConfig, features: Tensor, seed: int = 0) -> float:
+        model = toy_representation(config)
+        model.encoder.scale = torch.tensor(100.0)
+        return view_loss(model, features, config, np.random.default_rng(seed)).item()
+
+    config = CpcConfig(view_noise=0.02)  # two grey levels
+    same, apart = torch.zeros(64, 3, 3, 1, 1), torch.zeros(64, 3, 3, 1, 1)
+    apart[:, -1, 0, 0, 0] = torch.arange(64.0) * 100
+    assert loss(config, apart) == pytest.approx(0, abs=1e-3)
+    assert loss(config, same) > math.log(64)  # nothing to tell them by, and noise that misleads
+    assert loss(config, apart / 100) > 1  # neighbours lie one level apart
+    assert loss(config, apart / 100) == loss(config, apart / 100)
+    assert loss(config, apart / 100) != loss(config, apart / 100, seed=1)
+    assert loss(CpcConfig(view_noise=1e-4), apart / 100) < 1
 
 
 def test_a_perfect_model_has_no_consistency_loss() -> None:
