@@ -16,7 +16,7 @@ from elast_cli.config import StrictModel
 from elast_cli.dataset import Dataset
 from elast_cli.errors import DataError
 from elast_cli.fit import FitConfig, fit
-from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, view_loss
+from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
@@ -174,11 +174,7 @@ def train_encoder(
         rows = batches.batch(rng, stage.fit.batch_size)
         still = rng.random((len(rows), horizon + 1)) < stage.cpc.still_share
         features, actions, context = windows.window(rows, horizon, still)
-        total, parts = cpc_loss(model, features, actions, context, stage.cpc)
-        if stage.cpc.views_weight:
-            views = view_loss(model, features[:, -1], stage.cpc, rng)
-            total, parts = total + stage.cpc.views_weight * views, {**parts, "views": views}
-        return total, parts
+        return cpc_loss(model, features, actions, context, stage.cpc)
 
     def validate() -> dict[str, float]:
         parts = [

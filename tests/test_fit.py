@@ -200,3 +200,18 @@ def test_the_curve_is_written_as_csv_and_for_tensorboard(tmp_path: Path) -> None
     assert len(list(tmp_path.glob("events.out.tfevents.*"))) == 1
     with pytest.raises(FileExistsError):
         write_metrics(rows, tmp_path)
+
+
+def test_training_in_bfloat16_keeps_weights_in_float32_and_learns(tmp_path: Path) -> None:
+    losses, weights = {}, {}
+    for precision in ("float32", "bfloat16"):
+        net = model()
+        config = CONFIG.model_copy(update={"precision": precision})
+        (tmp_path / precision).mkdir()
+        rows = train(net, tmp_path / precision, config=config)
+        losses[precision] = rows[-1]["train_loss"]
+        weights[precision] = torch.cat([p.detach().flatten() for p in net.parameters()])
+        assert {p.dtype for p in net.parameters()} == {torch.float32}
+    assert losses["bfloat16"] < 2 * losses["float32"] + 0.02
+    assert not torch.equal(weights["float32"], weights["bfloat16"])
+    torch.testing.assert_close(weights["float32"], weights["bfloat16"], rtol=0.1, atol=0.1)

@@ -205,15 +205,17 @@ def test_the_encoders_losses_fall_and_its_latents_hold_the_state(encoder: Traine
     assert encoder.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
 
 
-def test_views_are_trained_on_and_are_the_same_every_time(dataset: Dataset, tmp_path: Path) -> None:
+def test_distances_of_images_are_trained_on_and_are_the_same_every_time(
+    dataset: Dataset, tmp_path: Path
+) -> None:
     short, none = FitConfig(steps=10, batch_size=64), torch.zeros(EPISODES, 0)
     weights = []
     for part, weight in (("a", 1.0), ("b", 1.0), ("c", 0.0)):
-        cpc = ENCODER.cpc.model_copy(update={"views_weight": weight})
+        cpc = ENCODER.cpc.model_copy(update={"isometry_weight": weight})
         stage = ENCODER.model_copy(update={"fit": short, "cpc": cpc})
         trained = train_encoder(dataset, none, stage, setting(tmp_path / part))
         weights.append(torch.cat([p.flatten() for p in trained.module.parameters()]))
-        assert ("train_views" in trained.curve[-1]) == (weight > 0)
+        assert ("train_isometry" in trained.curve[-1]) == (weight > 0)
     torch.testing.assert_close(weights[0], weights[1], rtol=0, atol=0)
     assert not torch.equal(weights[0], weights[2])
 

@@ -66,12 +66,12 @@ class ContextAutoencoder(PooledImages):
     def code(self, features: Tensor) -> Tensor:
         """Preprocessed images [N,3,S,S] -> codes [N,C]."""
         found: Tensor = self.down(self.normalized(features))
-        return found
+        return found.float()
 
     def decode(self, code: Tensor) -> Tensor:
         """Codes [N,C] -> normalised images [N,3,S,S]."""
         image: Tensor = self.up(code)
-        return image
+        return image.float()
 
     def forward(self, features: Tensor) -> Tensor:
         """Preprocessed images [N,3,S,S] -> context vectors [N,C]."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
@@ -13,6 +12,7 @@ from torch.nn import functional
 from elast_cli.config import StrictModel
 from elast_cli.models.dynamics import ForwardModel, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
+from elast_cli.models.isometry import isometry_loss
 from elast_cli.models.nets import MAX_WIDTH, QuantileTable
 
 
@@ -25,9 +25,9 @@ class CpcConfig(StrictModel):
     With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
     close together in latent space, searched for anew every `refresh` steps.
 
-    With `views_weight`, InfoNCE between two views of each window's last state is added, each with
-    pixel noise of `view_noise` (in the images' global deviation). It asks for all that pixels show,
-    in the proportion in which they show it, and not only for what actions foretell.
+    With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
+    `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
+    apart in these images (`models/isometry.py`).
     """
 
     horizon: int = Field(default=3, ge=1, le=20)
@@ -37,8 +37,9 @@ class CpcConfig(StrictModel):
     negatives: Literal["last", "window"] = "last"
     lookalikes: int = Field(default=1, ge=1, le=1024)
     refresh: int = Field(default=250, ge=1)
-    views_weight: float = Field(default=0.0, ge=0)
-    view_noise: float = Field(default=1.0, gt=0)
+    isometry_weight: float = Field(default=0.0, ge=0)
+    isometry_blur: float = Field(default=5.0, gt=0)
+    isometry_reach: float = Field(default=6.0, gt=0)
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -93,16 +94,9 @@ def cpc_loss(
     states = latest_first if config.negatives == "window" else z[:, -1]
     contrast = info_nce(predicted, states)
     total = contrast + config.consistency_weight * consistency
-    return total, {"info_nce": contrast, "consistency": consistency}
-
-
-def view_loss(
-    model: Representation, features: Tensor, config: CpcConfig, rng: np.random.Generator
-) -> Tensor:
-    """InfoNCE between two noisy views of the same states: scalar, from stacks [M,F,3,S,S]."""
-    z = []
-    for _ in range(2):
-        noise = torch.from_numpy(rng.standard_normal(tuple(features.shape), dtype=np.float32))
-        deviation = config.view_noise * model.encoder.scale
-        z.append(model.encoder(features.float() + noise.to(features.device) * deviation))
-    return info_nce(*z)
+    parts = {"info_nce": contrast, "consistency": consistency}
+    if config.isometry_weight:
+        images = model.encoder.normalized(flat[:, -1]).unflatten(0, (m, steps))
+        isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
+        total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
+    return total, parts

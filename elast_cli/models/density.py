@@ -99,7 +99,7 @@ class TransitionDensity(nn.Module):
     def log_ratio_from_hidden(self, hidden: Tensor) -> Tensor:
         """ln p_m - ln p_n [M] from the first layer's pre-activation [M,W]."""
         out: Tensor = self.rest(hidden)
-        return out.squeeze(-1)
+        return out.squeeze(-1).float()
 
     def log_ratio(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
         """G of Eq. 1, ln p_m - ln p_n [M], from [M,Z], [M,Z], [M,C]."""

@@ -32,7 +32,7 @@ class ForwardModel(nn.Module):
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
         """[M,Z], [M,A], [M,C] -> [M,Z]."""
         delta: Tensor = self.net(torch.cat([z, action, context], dim=1))
-        return z + delta
+        return z + delta.float()
 
 
 class LatentScale(nn.Module):
@@ -83,7 +83,7 @@ class DynamicsEnsemble(nn.Module):
         for layer in self.layers[:-1]:
             x = torch.relu(layer(x))
         out: Tensor = self.layers[-1](x)
-        return out
+        return out.float()
 
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
         """Mean next latent [M,Z] and the variance summed over dimensions [M], in latent units²."""

@@ -52,7 +52,7 @@ class Encoder(PooledImages):
         x = self.normalized(features[:, -self.config.frames :])
         convolved = isinstance(self.net, ConvStack)
         latent: Tensor = self.net(x.flatten(1, 2) if convolved else x.flatten(1))
-        return latent
+        return latent.float()
 
 
 class ConvStack(nn.Module):

@@ -33,4 +33,5 @@ class LocalPolicy(nn.Module):
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
         """[M,Z], [M,Z], [M,C] -> action [M,A]."""
         step = (z_next - z) / self.scale.step
-        return torch.tanh(self.net(torch.cat([self.scale(z), step, context], dim=1)))
+        out: Tensor = self.net(torch.cat([self.scale(z), step, context], dim=1))
+        return torch.tanh(out.float())

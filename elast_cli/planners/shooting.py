@@ -24,6 +24,7 @@ Step = Callable[[Float32, Float32], Float32]  # z [M,Z], a [M,A] -> z' [M,Z], ro
 DIFFERENCE = 0.1  # of a length unit, and of an action: H_f's kinks and errors are smaller
 DAMPINGS = 10.0 ** np.arange(-1, 5)  # tried at once, in units of the last one that helped
 FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
+FIRST_ITERATIONS = 2  # of all paths of a tree; then half of them get twice as many, and so on
 ROUNDS = 3  # in which actions at their bounds are found
 BAND, BANDS = 8, 8  # steps of a band of depths, and how many bands have paths refined
 NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
@@ -202,25 +203,32 @@ class ShootingPlanner:
         if query.left is not None:
             played = np.flatnonzero(query.left[b].any(1))
             left = query.left[b, : played[-1] + 1] if len(played) else left
-        return self._refined(world, query.start[b], left, query.goal[b], b)
+        step, goal = _step(world, b), query.goal[b]
+        path = shot(step, query.start[b], np.clip(left, -1, 1), goal)
+        return refined(step, path, goal, unit=self.unit, iterations=self.tree.config.refine)
 
     def _from_tree(self, world: World, forest: Forest, i: int, b: int) -> list[Shot]:
-        """Paths of tree i, which is row b's, to its nodes nearest to the goal, refined."""
-        found = []
-        for node in endings(forest, i, self.tree.config.refine_paths):
-            way = tree.path_to(forest, i, node)
-            actions = forest.action[i, way[1:]]
-            found.append(self._refined(world, forest.latent[i, 0], actions, forest.goal[i], b))
-        return found
+        """Paths of tree i, which is row b's, to its nodes nearest to the goal, refined.
 
-    def _refined(
-        self, world: World, start: Float32, actions: Float32, goal: Float32, b: int
-    ) -> Shot:
-        def step(z: Float32, action: Float32) -> Float32:
-            return world.step(z, action, np.full(len(z), b))[0]
-
-        path = shot(step, start, np.clip(actions, -1, 1), goal)
-        return refined(step, path, goal, unit=self.unit, iterations=self.tree.config.refine)
+        All of them by a few iterations, the better half by twice as many more, and so on.
+        """
+        config, start, goal = self.tree.config, forest.latent[i, 0], forest.goal[i]
+        step, paths = _step(world, b), []
+        for node in endings(forest, i, config.refine_paths):
+            actions = forest.action[i, tree.path_to(forest, i, node)[1:]]
+            paths.append(shot(step, start, np.clip(actions, -1, 1), goal))
+        dropped: list[Shot] = []
+        iterations, left = FIRST_ITERATIONS, config.refine
+        while left > 0 and paths:
+            iterations = min(iterations, left)
+            paths = [
+                refined(step, path, goal, unit=self.unit, iterations=iterations) for path in paths
+            ]
+            paths.sort(key=lambda path: path.gap)
+            half = (len(paths) + 1) // 2
+            paths, dropped = paths[:half], dropped + paths[half:]
+            left, iterations = left - iterations, 2 * iterations
+        return paths + dropped
 
     def _ends_within(self, radius: float, path: Shot, query: Query, b: int) -> bool:
         """Whether a path of row b ends within a radius of the goal, and nearer than it begins."""
@@ -235,6 +243,15 @@ class ShootingPlanner:
             away = [path for path in paths if len(path.actions) > BAND]
             paths = away or paths
         return min(paths, key=lambda path: path.gap)
+
+
+def _step(world: World, b: int) -> Step:
+    """H_f in row b's scenario."""
+
+    def step(z: Float32, action: Float32) -> Float32:
+        return world.step(z, action, np.full(len(z), b))[0]
+
+    return step
 
 
 def endings(forest: Forest, b: int, count: int) -> list[int]:

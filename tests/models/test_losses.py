@@ -9,9 +9,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce, view_loss
+from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce
 from elast_cli.models.density import nce_loss
 from elast_cli.models.encoder import EncoderConfig
+from elast_cli.models.isometry import blurred, isometry_loss
 
 
 def test_nce_with_no_knowledge_costs_what_equation_2_says() -> None:
@@ -114,21 +115,74 @@ def test_all_states_of_all_windows_may_be_negatives() -> None:
     assert parts["info_nce"].item() == pytest.approx(contrast, rel=1e-5)
 
 
-def test_views_of_a_state_differ_by_noise_in_the_images_own_deviation() -> None:
-    def loss(config: CpcConfig, features: Tensor, seed: int = 0) -> float:
-        model = toy_representation(config)
-        model.encoder.scale = torch.tensor(100.0)
-        return view_loss(model, features, config, np.random.default_rng(seed)).item()
+def squares(positions: Tensor, side: int = 32) -> Tensor:
+    """Pictures [..., 3, side, side] of a white square, four pixels wide, at x of [..., 2]."""
+    grid = torch.arange(side, dtype=torch.float32)
+    inside = [((grid - x[..., None]).abs() < 2).float() for x in positions.unbind(-1)]
+    picture = inside[1][..., :, None] * inside[0][..., None, :]
+    return picture.unsqueeze(-3).expand(*picture.shape[:-2], 3, side, side).contiguous()
 
-    config = CpcConfig(view_noise=0.02)  # two grey levels
-    same, apart = torch.zeros(64, 3, 3, 1, 1), torch.zeros(64, 3, 3, 1, 1)
-    apart[:, -1, 0, 0, 0] = torch.arange(64.0) * 100
-    assert loss(config, apart) == pytest.approx(0, abs=1e-3)
-    assert loss(config, same) > math.log(64)  # nothing to tell them by, and noise that misleads
-    assert loss(config, apart / 100) > 1  # neighbours lie one level apart
-    assert loss(config, apart / 100) == loss(config, apart / 100)
-    assert loss(config, apart / 100) != loss(config, apart / 100, seed=1)
-    assert loss(CpcConfig(view_noise=1e-4), apart / 100) < 1
+
+def walks(windows: int = 32, steps: int = 4) -> Tensor:
+    """Positions [M,k+1,2] of random walks, 1.5 pixels a step."""
+    rng = torch.Generator().manual_seed(0)
+    turn = 2 * math.pi * torch.rand(windows, steps, generator=rng)
+    step = 1.5 * torch.stack([turn.cos(), turn.sin()], -1)
+    return 12 + 8 * torch.rand(windows, 1, 2, generator=rng) + step.cumsum(1)
+
+
+def test_distances_of_blurred_images_are_those_of_what_moves() -> None:
+    at = torch.tensor([[10.0, 10.0], [11.0, 10.0], [12.0, 10.0], [10.0, 12.0], [10.0, 14.0]])
+    picture = blurred(squares(at), blur=8)
+    assert picture.shape == (5, 3 * 16 * 16)
+    gap = (picture[0] - picture[1:]).norm(dim=1)
+    assert gap[1] / gap[0] == pytest.approx(2, abs=0.1)
+    assert gap[2] / gap[1] == pytest.approx(1, abs=1e-3)
+    assert gap[3] / gap[2] == pytest.approx(2, abs=0.25)
+    sharp = blurred(squares(at), blur=1)
+    assert (sharp[0] - sharp[4]).norm() / (sharp[0] - sharp[3]).norm() < 1.6  # no more overlap
+
+
+@pytest.mark.parametrize("factor", [0.1, 1, 30])
+def test_latents_that_are_places_up_to_a_factor_have_hardly_any_isometry_loss(
+    factor: float,
+) -> None:
+    at = walks()
+    images = squares(at)
+
+    def loss(z: Tensor) -> float:
+        return isometry_loss(z, images, blur=8, reach=4).item()
+
+    assert loss(factor * at) < 0.02
+    assert loss(factor * at * torch.tensor([1.0, 0.1])) > 0.1
+    assert loss(factor * at[..., :1]) > 0.1
+    assert loss(torch.randn_like(at) * factor) > 0.2
+
+
+def test_what_lies_beyond_reach_may_be_anywhere() -> None:
+    at = torch.tensor([[[8.0, 8.0], [9.0, 8.0]], [[24.0, 24.0], [25.0, 24.0]]])
+    images = squares(at)
+    far = at + torch.tensor([0.0, 1000.0])[:, None, None]
+    assert isometry_loss(far, images, blur=8, reach=3).item() < 1e-3
+    assert isometry_loss(far, images, blur=8, reach=1e6).item() > 0.1
+
+
+def test_where_nothing_moves_there_is_no_isometry_loss() -> None:
+    z = torch.randn(4, 3, 2, requires_grad=True)
+    loss = isometry_loss(z, torch.ones(4, 3, 3, 16, 16), blur=5, reach=6)
+    loss.backward()
+    assert loss.item() == 0
+    assert z.grad is not None
+    assert not z.grad.any()
+
+
+def test_the_isometry_loss_follows_latents_down_to_the_same_place() -> None:
+    at = walks()
+    z = (at[:, :1] + 0 * at).requires_grad_()  # all states of a window at one point
+    loss = isometry_loss(z, squares(at), blur=8, reach=4)
+    loss.backward()
+    assert z.grad is not None
+    assert z.grad.isfinite().all()
 
 
 def test_a_perfect_model_has_no_consistency_loss() -> None:

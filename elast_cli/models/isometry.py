@@ -1,0 +1,55 @@
+"""A metric for φ: near by, latent distance goes with the distance of blurred images.
+
+Contrastive learning says which states differ, not by how much: where all else is told by a cable's
+head, InfoNCE is content with hardly any distance between two shapes of the rest. Blurred by more
+than what moves is thick, images tell how far it has moved, and their distance is a fair measure of
+it as long as old and new place overlap in the blur. φ is asked to keep these distances up to one
+common factor, which InfoNCE sets; far apart it alone says where states go.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from elast_cli.shapes import IMAGE_SIZE
+
+GRID = 16  # points of a blurred image, on a side
+STILL, FINE = 0.1, 0.5  # median steps below which nothing has moved; what is too fine to matter
+
+
+def blurred(images: Tensor, blur: float) -> Tensor:
+    """Images [M,3,S,S] under a Gaussian of `blur` pixels of a 64x64 frame: [M,3·16·16]."""
+    side = images.shape[-1]
+    points = (torch.arange(GRID, device=images.device) + 0.5) * (side / GRID) - 0.5
+    apart = torch.arange(side, device=images.device) - points[:, None]
+    weight = torch.exp(-0.5 * (apart / (blur * side / IMAGE_SIZE)).square())
+    weight = weight / weight.sum(1, keepdim=True)
+    return (weight @ images @ weight.T).flatten(1)
+
+
+def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Tensor:
+    """Relative squared error of latent distances, given the best common factor: scalar.
+
+    Args:
+        z: latents of windows [M,k+1,Z].
+        images: what they are of [M,k+1,3,S,S], in any units.
+        blur: deviation of the Gaussian, in pixels of a 64x64 frame.
+        reach: in median distances between successive images, up to where pairs count.
+    """
+    picture = blurred(images.flatten(0, 1), blur)
+    apart = torch.cdist(picture, picture)
+    row = torch.arange(len(picture), device=z.device).unflatten(0, z.shape[:2])
+    steps = apart[row[:, :-1], row[:, 1:]]
+    moved = steps[steps > STILL * steps.mean()]
+    if not len(moved):
+        return z.sum() * 0
+    step = moved.median()
+    near = (apart > STILL * step) & (apart < reach * step)
+    flat = z.flatten(0, 1)
+    gap = (flat[:, None] - flat[None]).square().sum(-1)[near].clamp_min(1e-12).sqrt()
+    wanted = apart[near]
+    weight = (wanted + FINE * step).reciprocal()
+    ours, theirs = gap * weight, wanted * weight
+    factor = (ours * theirs).sum() / theirs.square().sum()
+    return (ours / factor - theirs).square().mean()
