@@ -372,3 +372,44 @@ def test_episodes_shorter_than_the_horizon_are_named(tmp_path: Path) -> None:
     short = recorded(rows=2, episodes=5)
     with pytest.raises(DataError, match="horizon"):
         train_encoder(short, torch.zeros(5, 0), ENCODER, setting(tmp_path))
+
+
+@pytest.mark.parametrize("stage", ["encoder", "ensemble", "density", "policy"])
+def test_every_stage_trains_in_bfloat16_to_about_the_same(
+    stage: str,
+    dataset: Dataset,
+    context: torch.Tensor,
+    data: LatentData,
+    ensemble: Trained,
+    tmp_path: Path,
+) -> None:
+    dynamics = ensemble.module
+    assert isinstance(dynamics, SupportedDynamics)
+
+    def last_loss(precision: str) -> float:
+        short = FitConfig.model_validate(
+            {"steps": 30, "batch_size": 64, "learning_rate": 3e-3, "precision": precision}
+        )
+        here = setting(tmp_path / precision)
+        if stage == "encoder":
+            update = {"isometry_weight": 1.0, "lookalikes": 4}
+            cpc = ENCODER.cpc.model_copy(update=update)
+            fit = {"cpc": cpc, "fit": short}
+            trained = train_encoder(dataset, context, ENCODER.model_copy(update=fit), here)
+        elif stage == "ensemble":
+            net = EnsembleConfig(members=2, width=32, support_size=200)
+            trained = train_ensemble(data, EnsembleStage(net=net, fit=short), here)
+        elif stage == "density":
+            net_of_psi = DensityConfig(width=32, noise_ratio=4)
+            trained = train_density(data, DensityStage(net=net_of_psi, fit=short), here)
+        else:
+            net_of_pi = PolicyConfig(width=32)
+            policy = PolicyStage(net=net_of_pi, fit=short)
+            trained = train_policy(data, dynamics.ensemble, policy, here)
+        weights = list(trained.module.parameters())
+        assert {p.dtype for p in weights} == {torch.float32}
+        return trained.curve[-1]["train_loss"]
+
+    exact, rough = last_loss("float32"), last_loss("bfloat16")
+    assert rough == pytest.approx(exact, rel=0.1)
+    assert rough != exact
