@@ -114,10 +114,16 @@ def save_model(folder: Path, module: nn.Module, *, sizes: Sizes | None) -> None:
         spec = _PolicySpec(sizes=sizes, net=module.config)
     else:
         raise TypeError(f"{type(module).__name__} is not a kind of artifact")
-    weights = {k: v.detach().cpu().contiguous() for k, v in module.state_dict().items()}
+    weights = {k: _packed(v.detach().cpu()) for k, v in module.state_dict().items()}
     with (folder / WEIGHTS).open("xb") as file:
         file.write(save(weights))
     (folder / SIZES).write_text(dump_yaml(spec.model_dump(mode="json")))
+
+
+def _packed(tensor: Tensor) -> Tensor:
+    """A tensor as it is stored: float32 in half the bytes where bfloat16 holds the same numbers."""
+    short = tensor.bfloat16() if tensor.dtype == torch.float32 else tensor
+    return (short if torch.equal(short.to(tensor.dtype), tensor) else tensor).contiguous()
 
 
 def load_model(folder: Path, kind: str) -> nn.Module:
@@ -140,7 +146,9 @@ def load_model(folder: Path, kind: str) -> nn.Module:
         weights = load_file(path)
     except (SafetensorError, OSError, ValueError) as error:
         raise DataError(f"{path}: not a safetensors file: {error}") from error
-    _check_tensors(path, weights, module.state_dict())
+    expected = module.state_dict()
+    _check_tensors(path, weights, expected)
+    weights = {name: tensor.to(expected[name].dtype) for name, tensor in weights.items()}
     module.load_state_dict(weights, assign=True)
     for parameter in module.parameters():
         parameter.requires_grad_(False)
@@ -168,7 +176,8 @@ def _check_tensors(path: Path, found: dict[str, Tensor], expected: dict[str, Ten
         raise DataError(f"{path}: {what} tensor {odd[0]}")
     for name, tensor in found.items():
         want = expected[name]
-        if tensor.shape != want.shape or tensor.dtype != want.dtype:
+        packed = (tensor.dtype, want.dtype) == (torch.bfloat16, torch.float32)
+        if tensor.shape != want.shape or not (packed or tensor.dtype == want.dtype):
             raise DataError(
                 f"{path}: tensor {name} is {tensor.dtype} {list(tensor.shape)}, "
                 f"expected {want.dtype} {list(want.shape)}"

@@ -18,6 +18,7 @@ from tiny import KINDS, SIZES, models
 from torch import nn
 
 from elast_cli.errors import DataError, MissingInputError
+from elast_cli.fit import round_weights
 from elast_cli.models import io
 from elast_cli.models.io import load_model, save_model
 
@@ -54,6 +55,25 @@ def test_the_same_weights_are_the_same_bytes(tmp_path: Path, kind: str) -> None:
     for file in (io.WEIGHTS, io.SIZES):
         first, second = ((folder / file).read_bytes() for folder in folders)
         assert first == second
+
+
+def test_rounded_weights_take_half_the_bytes_and_come_back_the_same(tmp_path: Path) -> None:
+    model = models()["ensemble"]
+    exact, rounded = tmp_path / "exact", tmp_path / "rounded"
+    exact.mkdir()
+    rounded.mkdir()
+    save_model(exact, model, sizes=SIZES)
+    round_weights(model)
+    save_model(rounded, model, sizes=SIZES)
+    names = {name for name, _ in model.named_parameters()}
+    stored, before = load_file(rounded / io.WEIGHTS), load_file(exact / io.WEIGHTS)
+    assert {stored[name].dtype for name in names} == {torch.bfloat16}
+    assert torch.float32 in {before[name].dtype for name in names}
+    again = load_model(rounded, "ensemble").state_dict()
+    for name, tensor in model.state_dict().items():
+        assert again[name].dtype == tensor.dtype
+        assert torch.equal(again[name], tensor)
+        torch.testing.assert_close(tensor, before[name].to(tensor.dtype), rtol=2**-8, atol=0)
 
 
 def test_only_artifacts_can_be_saved(tmp_path: Path) -> None:
