@@ -169,8 +169,7 @@ def fit(
 def round_weights(module: nn.Module) -> None:
     """Round trained parameters to bfloat16; they stay float32."""
     for parameter in module.parameters():
-        if parameter.requires_grad:
-            parameter.copy_(parameter.bfloat16())
+        parameter.copy_(parameter.bfloat16())
 
 
 def _row(
