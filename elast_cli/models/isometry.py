@@ -4,7 +4,9 @@ Contrastive learning says which states differ, not by how much: where all else i
 head, InfoNCE is content with hardly any distance between two shapes of the rest. Blurred by more
 than what moves is thick, images tell how far it has moved, and their distance is a fair measure of
 it as long as old and new place overlap in the blur. φ is asked to keep these distances up to one
-common factor, which InfoNCE sets; far apart it alone says where states go.
+common factor, which InfoNCE sets. What is farther apart in images than they can tell has to be as
+far apart in latent space, at least, wherever that is: else the latent space folds, and shapes that
+are mirror images of each other come to lie side by side.
 """
 
 from __future__ import annotations
@@ -29,13 +31,15 @@ def blurred(images: Tensor, blur: float) -> Tensor:
 
 
 def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Tensor:
-    """Relative squared error of latent distances, given the best common factor: scalar.
+    """Squared relative error of latent distances, given the best common factor: scalar.
+
+    Summed over pairs within reach and pairs beyond it that are not, per pair within reach.
 
     Args:
         z: latents of windows [M,k+1,Z].
         images: what they are of [M,k+1,3,S,S], in any units.
         blur: deviation of the Gaussian, in pixels of a 64x64 frame.
-        reach: in median distances between successive images, up to where pairs count.
+        reach: in median distances between successive images, up to where images tell distances.
     """
     picture = blurred(images.flatten(0, 1), blur)
     apart = torch.cdist(picture, picture)
@@ -47,9 +51,11 @@ def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Te
     step = moved.median()
     near = (apart > STILL * step) & (apart < reach * step)
     flat = z.flatten(0, 1)
-    gap = (flat[:, None] - flat[None]).square().sum(-1)[near].clamp_min(1e-12).sqrt()
+    gap = (flat[:, None] - flat[None]).square().sum(-1).clamp_min(1e-12).sqrt()
     wanted = apart[near]
     weight = (wanted + FINE * step).reciprocal()
-    ours, theirs = gap * weight, wanted * weight
+    ours, theirs = gap[near] * weight, wanted * weight
     factor = (ours * theirs).sum() / theirs.square().sum()
-    return (ours / factor - theirs).square().mean()
+    beyond = gap[apart >= reach * step] / (factor * reach * step)
+    folded = (1 - beyond).clamp_min(0).square().sum()
+    return (ours / factor - theirs).square().mean() + folded / len(wanted)
