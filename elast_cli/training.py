@@ -20,6 +20,7 @@ from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
+from elast_cli.models.isometry import blurred
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
@@ -168,6 +169,11 @@ def train_encoder(
             lambda rows: _latents(model, windows, rows + horizon).cpu().numpy(),
             group=stage.cpc.lookalikes,
             refresh=stage.cpc.refresh,
+            picture=(
+                (lambda rows: _pictures(model, windows, rows + horizon).cpu().numpy())
+                if stage.cpc.isometry_weight
+                else None
+            ),
         )
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
@@ -295,6 +301,16 @@ def _latents(model: Representation, windows: FrameWindows, rows: Int64) -> Tenso
     """Latents [M,Z] of the states at `rows` [M]."""
     parts = [
         model.encoder(windows.stacks(part))
+        for part in np.array_split(rows, max(1, len(rows) // 1024))
+    ]
+    return torch.cat(parts)
+
+
+@torch.no_grad()
+def _pictures(model: Representation, windows: FrameWindows, rows: Int64) -> Tensor:
+    """Blurred images [M,D] of the states at `rows` [M]."""
+    parts = [
+        blurred(model.encoder.normalized(windows.stacks(part)[:, -1]), model.cpc.isometry_blur)
         for part in np.array_split(rows, max(1, len(rows) // 1024))
     ]
     return torch.cat(parts)

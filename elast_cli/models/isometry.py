@@ -33,7 +33,7 @@ def blurred(images: Tensor, blur: float) -> Tensor:
 def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Tensor:
     """Squared relative error of latent distances, given the best common factor: scalar.
 
-    Summed over pairs within reach and pairs beyond it that are not, per pair within reach.
+    The mean over pairs within reach, and over those that are so in latent space alone.
 
     Args:
         z: latents of windows [M,k+1,Z].
@@ -57,5 +57,6 @@ def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Te
     ours, theirs = gap[near] * weight, wanted * weight
     factor = (ours * theirs).sum() / theirs.square().sum()
     beyond = gap[apart >= reach * step] / (factor * reach * step)
-    folded = (1 - beyond).clamp_min(0).square().sum()
-    return (ours / factor - theirs).square().mean() + folded / len(wanted)
+    within = beyond[beyond < 1]
+    folded = (1 - within).square().sum() / max(1, len(within))
+    return (ours / factor - theirs).square().mean() + folded
