@@ -5,8 +5,7 @@ head, InfoNCE is content with hardly any distance between two shapes of the rest
 than what moves is thick, images tell how far it has moved, and their distance is a fair measure of
 it as long as old and new place overlap in the blur. φ is asked to keep these distances up to one
 common factor, which InfoNCE sets. What is farther apart in images than they can tell has to be as
-far apart in latent space, at least, wherever that is: else the latent space folds, and shapes that
-are mirror images of each other come to lie side by side.
+far apart in latent space, at least, wherever that is: else the latent space may fold.
 """
 
 from __future__ import annotations
