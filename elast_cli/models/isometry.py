@@ -26,7 +26,8 @@ def blurred(images: Tensor, blur: float) -> Tensor:
     apart = torch.arange(side, device=images.device) - points[:, None]
     weight = torch.exp(-0.5 * (apart / (blur * side / IMAGE_SIZE)).square())
     weight = weight / weight.sum(1, keepdim=True)
-    return (weight @ images @ weight.T).flatten(1)
+    with torch.autocast(images.device.type, enabled=False):  # a measure, not a layer
+        return (weight @ images.float() @ weight.T).flatten(1)
 
 
 def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Tensor:
