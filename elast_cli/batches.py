@@ -9,8 +9,6 @@ import numpy as np
 from elast_cli.shapes import Float32, Int64
 
 POOL = 20_000  # windows that are encoded at each search
-AMONG = 64  # nearest latents, of which those are taken that look the least alike
-PART = 256
 
 
 class Starts:
@@ -32,10 +30,6 @@ class Lookalikes:
     cable's head is says which of 256 cables it is, and φ learns little about the rest of it.
     Lookalikes are negatives that ask for just what φ still confuses.
 
-    Given pictures of the states, half of a group are those that differ the most in them from its
-    first one, of the 64 nearest to it: where the latent space is folded, they are what lies on the
-    other side of the fold.
-
     The groups are searched for anew every `refresh` batches.
 
     After a resumption the search comes with the first batch: a run that was interrupted at a
@@ -43,20 +37,10 @@ class Lookalikes:
     """
 
     def __init__(
-        self,
-        starts: Int64,
-        encode: Callable[[Int64], Float32],
-        *,
-        group: int,
-        refresh: int,
-        picture: Callable[[Int64], Float32] | None = None,
+        self, starts: Int64, encode: Callable[[Int64], Float32], *, group: int, refresh: int
     ) -> None:
-        """Take windows' first rows [M] and φ on the windows that start there: [P] -> [P,Z].
-
-        `picture` shows the same states in another way, in which distances are known to mean
-        something: [P] -> [P,D].
-        """
-        self.starts, self.encode, self.picture = starts, encode, picture
+        """Take windows' first rows [M] and φ on the windows that start there: [P] -> [P,Z]."""
+        self.starts, self.encode = starts, encode
         self.group, self.refresh = group, refresh
         self.drawn = 0
         self.groups: Int64 = np.empty((0, group), np.int64)
@@ -78,23 +62,6 @@ class Lookalikes:
         pool = rng.choice(self.starts, size, replace=False)
         z = self.encode(pool)
         anchors = rng.choice(size, max(1, min(groups, size)), replace=False)
-        wanted = AMONG if self.picture else self.group
-        _, near = cKDTree(z).query(z[anchors], k=min(wanted, size))
-        near = near.reshape(len(anchors), -1)
-        if self.picture:
-            near = _least_alike(near, self.picture(pool), self.group)
-        found: Int64 = pool[near]
+        _, near = cKDTree(z).query(z[anchors], k=min(self.group, size))
+        found: Int64 = pool[near.reshape(len(anchors), -1)]
         return found
-
-
-def _least_alike(near: Int64, pictures: Float32, group: int) -> Int64:
-    """Of neighbours [G,K] the first ones and those least like the very first one: [G,group]."""
-    kept = group - group // 2
-    rest = near[:, kept:]
-    chosen = []
-    cuts = range(PART, len(near), PART)
-    for first, others in zip(np.split(near, cuts), np.split(rest, cuts), strict=True):
-        gap = np.linalg.norm(pictures[others] - pictures[first[:, :1]], axis=2)
-        order = np.argsort(-gap, axis=1, kind="stable")[:, : group - kept]
-        chosen.append(np.concatenate([first[:, :kept], np.take_along_axis(others, order, 1)], 1))
-    return np.concatenate(chosen)

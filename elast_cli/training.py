@@ -20,7 +20,6 @@ from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, LatentScale
 from elast_cli.models.encoder import Encoder, EncoderConfig
 from elast_cli.models.io import Sizes
-from elast_cli.models.isometry import blurred
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.probe import probe_state
@@ -169,18 +168,12 @@ def train_encoder(
             lambda rows: _latents(model, windows, rows + horizon).cpu().numpy(),
             group=stage.cpc.lookalikes,
             refresh=stage.cpc.refresh,
-            picture=(
-                (lambda rows: _pictures(model, windows, rows + horizon).cpu().numpy())
-                if stage.cpc.isometry_weight
-                else None
-            ),
         )
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         rows = batches.batch(rng, stage.fit.batch_size)
         still = rng.random((len(rows), horizon + 1)) < stage.cpc.still_share
-        features, actions, context = windows.window(rows, horizon, still)
-        return cpc_loss(model, features, actions, context, stage.cpc)
+        return cpc_loss(model, *windows.window(rows, horizon, still), stage.cpc)
 
     def validate() -> dict[str, float]:
         parts = [
@@ -301,16 +294,6 @@ def _latents(model: Representation, windows: FrameWindows, rows: Int64) -> Tenso
     """Latents [M,Z] of the states at `rows` [M]."""
     parts = [
         model.encoder(windows.stacks(part))
-        for part in np.array_split(rows, max(1, len(rows) // 1024))
-    ]
-    return torch.cat(parts)
-
-
-@torch.no_grad()
-def _pictures(model: Representation, windows: FrameWindows, rows: Int64) -> Tensor:
-    """Blurred images [M,D] of the states at `rows` [M]."""
-    parts = [
-        blurred(model.encoder.normalized(windows.stacks(part)[:, -1]), model.cpc.isometry_blur)
         for part in np.array_split(rows, max(1, len(rows) // 1024))
     ]
     return torch.cat(parts)

