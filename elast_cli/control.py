@@ -254,8 +254,8 @@ class Replan:
     """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c).
 
     A row that has not moved farther than `stall_distance` for `patience` steps plans again at once,
-    and the transition that it tried in vain is remembered for the rest of the episode. A row whose
-    plan has nothing more to say plans again, too.
+    and the transition that it tried in vain is remembered: until what is remembered so leaves no
+    way to the goal. A row whose plan has nothing more to say plans again, too.
     """
 
     estimator: Estimator
@@ -307,7 +307,16 @@ class Replan:
         return replace(state, failed=tuple(failed))
 
     def _replanned(self, state: Following, z: Float32, rows: Int64) -> Following:
-        """New plans for `rows`."""
+        """New plans for `rows`; if no way is left besides what failed, with that forgotten."""
+        state, reached = self._planned(state, z, rows)
+        lost = [b for b in rows[~reached] if len(state.failed[b])]
+        if not lost:
+            return state
+        failed = tuple(x[:0] if b in lost else x for b, x in enumerate(state.failed))
+        return self._planned(replace(state, failed=failed), z, np.array(lost))[0]
+
+    def _planned(self, state: Following, z: Float32, rows: Int64) -> tuple[Following, Bool]:
+        """New plans for `rows`, and whether they reach the goal."""
         task, log, memory = state.task, state.log, list(state.memory)
         seeds = [derived_seed("plan", int(task.seed[b]), int(log.plans[b])) for b in rows]
         query = Query(
@@ -326,7 +335,7 @@ class Replan:
             memory[b] = item
         age, stalled = state.age.copy(), state.stalled.copy()
         age[rows], stalled[rows] = 0, 0
-        return replace(
+        following = replace(
             state,
             route=(state.route or _standing(z, plan)).updated(plan, rows),
             age=age,
@@ -334,6 +343,7 @@ class Replan:
             log=log,
             memory=tuple(memory),
         )
+        return following, plan.reached
 
 
 def _standing(z: Float32, plan: Plan) -> Route:

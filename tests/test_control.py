@@ -295,6 +295,27 @@ def test_what_failed_is_remembered_for_the_rest_of_the_episode() -> None:
     assert planner.asked[-1].failed[0][..., 0].tolist() == [[5, 6], [6, 7]]
 
 
+@dataclass
+class Barred(Straight):
+    """Finds a way only for rows that have not failed at anything."""
+
+    def plan(self, query: Query) -> Plan:
+        return replace(super().plan(query), reached=np.array([not len(x) for x in query.failed]))
+
+
+def test_what_leaves_no_way_to_the_goal_is_forgotten() -> None:
+    planner, both = Barred(), np.array([True, True])
+    controller = patient(planner)
+    state = controller.begin(task_of(9, 9))
+    for moving in (1, 2, 3):
+        _, state = controller.act(state, frames_of(5, moving), both)
+    assert [len(query.failed[0]) for query in planner.asked] == [0, 1, 0]
+    assert planner.asked[2].start.tolist() == [[5]]
+    assert planner.asked[2].seed.tolist() == [derived_seed("plan", 0, 2)]
+    assert [len(pairs) for pairs in state.failed] == [0, 0]
+    assert state.log.plans.tolist() == [3, 1]
+
+
 def test_a_step_that_moves_starts_the_count_again() -> None:
     planner = Straight()
     controller = patient(planner)

@@ -15,7 +15,7 @@ class EncoderConfig(StrictModel):
     """Shape of φ. The paper's appendix has its sizes; these are our choice.
 
     With `frames` 1, φ sees only the last frame of a state: for worlds where nothing moves by itself
-    and one frame shows all there is to know.
+    and one frame shows all there is to know. With `whiten`, faint hues count as much as brightness.
     """
 
     architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
@@ -23,6 +23,7 @@ class EncoderConfig(StrictModel):
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
     pool: Literal[1, 2, 4, 8] = 4
     frames: Literal[1, 3] = 3
+    whiten: bool = False
     channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
 
 
@@ -31,14 +32,14 @@ class Encoder(PooledImages):
 
     Work that depends on one frame alone is done once for a whole dataset by `preprocess`; `forward`
     then takes stacks of preprocessed frames, normalised by the training data's mean image and one
-    global scale. Without that normalisation the latent collapses to one dimension.
+    global scale, or whitened colours. Without that the latent collapses to one dimension.
 
     Where obstacles change with the episode, frames come less their context image: so φ depends on
     the context, and what is left of a frame is what moves.
     """
 
     def __init__(self, config: EncoderConfig) -> None:
-        super().__init__(config.pool)
+        super().__init__(config.pool, whiten=config.whiten)
         self.config = config
         side = self.side
         if config.architecture == "pooled-mlp":

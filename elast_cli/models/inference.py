@@ -261,7 +261,7 @@ class FrameEncoder:
             images = self.encoder.preprocess(torch.from_numpy(background).to(device))
             features = features - images[:, None]
         if self._net is not None:
-            x = (features.float() - self.encoder.mean) / self.encoder.scale
+            x = self.encoder.normalized(features)
             latent: Float32 = self._net(x.flatten(1).cpu().numpy())[0]
             return latent
         parts = [self.encoder(features[b : b + 1]) for b in range(rows)]

@@ -12,6 +12,7 @@ from elast_cli.shapes import IMAGE_SIZE
 
 QUANTILE_GRID = 1001
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
+FAINT = 0.003  # share of the strongest colour's variance below which a colour is noise
 
 
 def mlp(sizes: Sequence[int]) -> nn.Sequential:
@@ -24,16 +25,24 @@ def mlp(sizes: Sequence[int]) -> nn.Sequential:
 
 
 class PooledImages(nn.Module):
-    """Images average-pooled to S x S, less their mean image, in units of one global scale."""
+    """Images average-pooled to S x S, less their mean image, in units of one global scale.
+
+    Or in whitened colours: combinations of red, green and blue that vary alike and independently.
+    Of most images nearly all variance is brightness; which part of a thing lies where is told by
+    hues, and these are faint.
+    """
 
     mean: Tensor
     scale: Tensor
+    colours: Tensor
 
-    def __init__(self, pool: int) -> None:
+    def __init__(self, pool: int, *, whiten: bool = False) -> None:
         super().__init__()
-        self.pool, self.side = pool, IMAGE_SIZE // pool
+        self.pool, self.side, self.whiten = pool, IMAGE_SIZE // pool, whiten
         self.register_buffer("mean", torch.zeros(3, self.side, self.side))
         self.register_buffer("scale", torch.ones(()))
+        if whiten:
+            self.register_buffer("colours", torch.eye(3))
 
     def preprocess(self, pixels: Tensor) -> Tensor:
         """Average-pool frames uint8 [N,64,64,3] to uint8-valued float16 [N,3,S,S] in [0, 255]."""
@@ -45,14 +54,26 @@ class PooledImages(nn.Module):
         return torch.cat(parts).permute(0, 3, 1, 2).contiguous()
 
     def fit_normalization(self, features: Tensor) -> None:
-        """Set the mean image and the global scale from preprocessed frames [N,3,S,S]."""
+        """Set the mean image, the global scale and colours from preprocessed frames [N,3,S,S]."""
         sample = features.float()
         self.mean.copy_(sample.mean(0))
-        self.scale.copy_((sample - self.mean).square().mean().sqrt().clamp_min(1e-3))
+        change = sample - self.mean
+        self.scale.copy_(change.square().mean().sqrt().clamp_min(1e-3))
+        if self.whiten:
+            self.colours.copy_(_whitening(change / self.scale))
 
     def normalized(self, features: Tensor) -> Tensor:
         """Preprocessed frames [...,3,S,S] without the mean image, of order one."""
-        return (features.float() - self.mean) / self.scale
+        x = (features.float() - self.mean) / self.scale
+        return torch.einsum("cd,...dhw->...chw", self.colours, x) if self.whiten else x
+
+
+def _whitening(images: Tensor) -> Tensor:
+    """A symmetric map of colours [3,3] that leaves those of images [N,3,S,S] white (by PCA)."""
+    colours = images.transpose(0, 1).flatten(1)
+    variance, axes = torch.linalg.eigh(colours @ colours.T / colours.shape[1])
+    least = max(FAINT * float(variance[-1]), 1e-6)
+    return axes * variance.clamp_min(least).rsqrt() @ axes.T
 
 
 def _block_sums(x: Tensor, side: int, pool: int) -> Tensor:

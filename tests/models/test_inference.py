@@ -148,15 +148,20 @@ def test_the_frame_encoder_is_the_encoder_row_by_row(architecture: str) -> None:
         np.testing.assert_array_equal(call(frames[b : b + 1], None)[0], latent[b])
 
 
+@pytest.mark.parametrize("whiten", [False, True])
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
-def test_the_frame_encoder_of_one_frame_is_the_encoder(architecture: str) -> None:
-    keys = {"architecture": architecture, "frames": 1, "width": 16, "channels": 4}
+def test_the_frame_encoder_of_one_frame_is_the_encoder(architecture: str, whiten: bool) -> None:
+    keys = {"architecture": architecture, "frames": 1, "width": 16, "channels": 4, "whiten": whiten}
     encoder = Encoder(EncoderConfig.model_validate(keys)).eval()
+    encoder.fit_normalization(255 * torch.rand(50, 3, encoder.side, encoder.side))
     frames = np.random.default_rng(0).integers(256, size=(4, FRAMES, 64, 64, 3), dtype=np.uint8)
     features = encoder.preprocess(torch.from_numpy(frames[:, -1]))
     with torch.no_grad():
         expected = encoder(features[:, None]).numpy()
-    np.testing.assert_allclose(FrameEncoder(encoder)(frames, None), expected, rtol=1e-4, atol=1e-4)
+    latent = FrameEncoder(encoder)(frames, None)
+    np.testing.assert_allclose(latent, expected, rtol=1e-4, atol=1e-4)
+    for b in range(4):
+        np.testing.assert_array_equal(FrameEncoder(encoder)(frames[b : b + 1], None)[0], latent[b])
 
 
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])

@@ -61,6 +61,27 @@ def test_normalization_leaves_no_mean_image_and_one_global_scale() -> None:
     assert x.square().mean().item() == pytest.approx(1, rel=1e-3)
 
 
+def test_whitened_colours_are_uncorrelated_and_vary_alike() -> None:
+    mix = torch.tensor([[5.0, 3.0, 2.0], [3.0, 5.0, 2.5], [2.0, 2.5, 5.0]])
+    features = torch.einsum("cd,mdhw->mchw", mix, torch.randn(500, 3, 16, 16)) + 100
+    encoder = Encoder(EncoderConfig(whiten=True))
+    encoder.fit_normalization(features)
+    colours = encoder.normalized(features).transpose(0, 1).flatten(1)
+    assert colours.mean(1).abs().max() < 1e-3
+    covariance = colours @ colours.T / colours.shape[1]
+    torch.testing.assert_close(covariance, torch.eye(3), atol=1e-3, rtol=0)
+
+
+def test_whitening_leaves_what_is_noise_faint() -> None:
+    grey = 50 * torch.randn(500, 1, 16, 16).expand(-1, 3, -1, -1)
+    encoder = Encoder(EncoderConfig(whiten=True))
+    encoder.fit_normalization(grey + 0.05 * torch.randn(500, 3, 16, 16))
+    noise = encoder.normalized(grey + 0.05 * torch.randn(500, 3, 16, 16)) - encoder.normalized(grey)
+    assert noise.square().mean() < 1e-3
+    encoder.fit_normalization(torch.ones(4, 3, 16, 16))
+    assert encoder.normalized(torch.ones(4, 3, 16, 16)).abs().max() == 0
+
+
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
 @pytest.mark.parametrize("pool", [1, 4, 8])
 def test_every_encoder_sees_all_frames(architecture: str, pool: int) -> None:
