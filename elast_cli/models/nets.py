@@ -73,7 +73,8 @@ def _whitening(images: Tensor) -> Tensor:
     colours = images.transpose(0, 1).flatten(1)
     variance, axes = torch.linalg.eigh(colours @ colours.T / colours.shape[1])
     least = max(FAINT * float(variance[-1]), 1e-6)
-    return axes * variance.clamp_min(least).rsqrt() @ axes.T
+    whitening: Tensor = axes * variance.clamp_min(least).rsqrt() @ axes.T
+    return whitening
 
 
 def _block_sums(x: Tensor, side: int, pool: int) -> Tensor:
