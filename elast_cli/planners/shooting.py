@@ -87,7 +87,7 @@ def refined(step: Step, path: Shot, goal: Float32, *, unit: float, iterations: i
         actions = np.stack(found).astype(np.float32)
         states = roll(step, start, actions)
         gaps = [_length(end - goal) for end in states[:, -1]]
-        spent += length * (2 * inputs + len(found))
+        spent += length * (inputs + len(found))
         best = int(np.argmin(gaps))
         gain = 1 - (gaps[best] / path.gap) ** 2
         if not gain > 0:
@@ -100,17 +100,17 @@ def refined(step: Step, path: Shot, goal: Float32, *, unit: float, iterations: i
 
 
 def end_slope(step: Step, path: Shot, unit: float) -> Float64:
-    """How the end of a path moves with its actions [Z,T·A], by central differences of H_f."""
+    """How the end of a path moves with its actions [Z,T·A], by differences of H_f."""
     z, a = path.states[:-1], path.actions
     length, latents = z.shape
     inputs = np.concatenate([z, a], 1)
     by = np.full(inputs.shape[1], DIFFERENCE, np.float32)
     by[:latents] *= np.float32(unit)
-    either = np.stack([inputs[:, None] + np.diag(by), inputs[:, None] - np.diag(by)])
-    flat = np.ascontiguousarray(either.reshape(-1, inputs.shape[1]), dtype=np.float32)
+    moved = inputs[:, None] + np.diag(by)
+    flat = np.ascontiguousarray(moved.reshape(-1, inputs.shape[1]), dtype=np.float32)
     ends = step(np.ascontiguousarray(flat[:, :latents]), np.ascontiguousarray(flat[:, latents:]))
-    high, low = ends.astype(np.float64).reshape(2, length, inputs.shape[1], latents)
-    slopes = ((high - low) / (2 * by[:, None].astype(np.float64))).transpose(0, 2, 1)  # [T,Z,Z+A]
+    change = ends.astype(np.float64).reshape(length, -1, latents) - path.states[1:, None]
+    slopes = (change / by[:, None].astype(np.float64)).transpose(0, 2, 1)  # [T,Z,Z+A]
     out = np.empty((latents, length, a.shape[1]))
     after = np.eye(latents)
     for t in range(length - 1, -1, -1):
