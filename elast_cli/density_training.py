@@ -23,6 +23,7 @@ from elast_cli.training import (
 )
 
 FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
+ALIKE = 0.25  # of a median step: how near two ends count as the same; twice what H_f errs by
 
 
 class DensityStage(StrictModel):
@@ -50,11 +51,13 @@ def train_density(
     others = _other_contexts(data, psi, ensemble)
 
     def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        z, _, context, z_next = data.transitions(rows)
-        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(rows, rng).flatten(0, 1)
+        places = others.lent(rows, stage.net.lent_share, rng) if others else rows
+        z, _, _, z_next = data.transitions(places)
+        context = data.context[rows]
+        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(places, rng).flatten(0, 1)
         targets = torch.cat([z_next, targets])
         if others:
-            elsewhere, there = others.draw(rows, rng)
+            elsewhere, there = others.draw(places, rows, rng)
             sources = torch.cat([sources, elsewhere.flatten(0, 1)])
             targets = torch.cat([targets, there.flatten(0, 1)])
         contexts = context.repeat(1 + ratio, 1)
@@ -99,9 +102,17 @@ def _other_contexts(
     if ensemble is None:
         raise ValueError("noise from other contexts needs the ensemble")
 
-    margin = FARTHER * _step_length(data, 0.5)
-    step = ensemble.by_one_member
-    return OtherContexts(data.z, data.action, data.context, data.train, step, margin, count)
+    step = _step_length(data, 0.5)
+    return OtherContexts(
+        data.z,
+        data.action,
+        data.context,
+        data.train,
+        ensemble.by_one_member,
+        margin=FARTHER * step,
+        alike=ALIKE * step,
+        count=count,
+    )
 
 
 def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:

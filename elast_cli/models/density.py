@@ -18,9 +18,10 @@ class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
 
     Where episodes differ in their context, a share `context_share` of the noise are transitions
-    that fit other contexts. Of the rest, a share `near_share` leads to latents of the data within
-    `near_radius` (in 95 % quantiles of the lengths of steps) of the source. With neither, it is the
-    paper's Gaussian noise.
+    that fit other contexts, and up to `lent_share` of the data are those of other episodes that fit
+    the context, too. Of the rest of the noise, a share `near_share` leads to latents of the data
+    within `near_radius` (in 95 % quantiles of the lengths of steps) of the source. With neither, it
+    is the paper's Gaussian noise.
     """
 
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)
@@ -30,6 +31,7 @@ class DensityConfig(StrictModel):
     near_share: float = Field(default=0.8, ge=0, le=1)
     near_radius: float = Field(default=1.25, gt=0)
     context_share: float = Field(default=0.5, ge=0, le=1)
+    lent_share: float = Field(default=0.5, ge=0, le=1)
 
     def elsewhere(self, context_size: int) -> int:
         """How many of the ν false transitions fit other contexts, of `context_size` numbers."""

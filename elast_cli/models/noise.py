@@ -75,24 +75,29 @@ class Noise:
 
 @dataclass(frozen=True)
 class OtherContexts:
-    """Draws transitions that fit other contexts, to be told from those of a row's own.
+    """Transitions of other episodes, told by H_f into what fits a row's context and what does not.
 
     A tree walks into an obstacle by the small errors of H_f, and goes on from there, where nothing
     was ever seen. Telling data from noise in general teaches ψ hardly anything about obstacles;
     this noise differs from data in nothing else. Of each row's
 
-    - two in five leave its latent as H_f has it in another context, and get farther than they would
-      in its own: of a few tries, the one where the two differ the most. Where none gets farther, as
-      far from all obstacles, it is the first try, an ordinary step;
+    - two in five leave a latent as H_f has it in another context, and get farther than they would
+      in the row's: of a few tries, the one where the two differ the most. Where none gets farther,
+      as far from all obstacles, it is the first try, an ordinary step;
     - one goes on in that context from where such a one ended;
-    - the rest are true transitions of other episodes, most of which begin where its own context has
-      room, and some where it has none.
+    - the rest are true transitions of other episodes: of a few tries, the one that H_f has end the
+      farthest from there in the row's context.
+
+    A context is seen in one short episode, and where that was would tell data from such noise just
+    as well as obstacles do. So transitions of other episodes that H_f has end alike in the row's
+    context are lent to it as data.
 
     Attributes:
         z, action, context: latents [N,Z], actions [N,A] and contexts [N,C] of all rows.
         train: rows [M] at which transitions for training start.
         step: H_f, or one of its members.
         margin: how much farther, in latent units.
+        alike: how near two ends count as the same, in latent units.
         count: transitions to draw for each row.
     """
 
@@ -102,24 +107,39 @@ class OtherContexts:
     train: Tensor
     step: Step
     margin: float
+    alike: float
     count: int
 
     @torch.no_grad()
-    def draw(self, rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """False transitions of `rows` [M]: sources and targets, each [count,M,Z]."""
+    def lent(self, rows: Tensor, share: float, rng: np.random.Generator) -> Tensor:
+        """Rows [M] whose transitions fit the contexts of `rows` [M].
+
+        A `share` of them are of other episodes, or fewer: a random one that does not fit is
+        replaced by the row itself, as are all others.
+        """
+        other = self._some(rows, rng)
+        asked = torch.from_numpy(rng.random(len(rows)) < share).to(rows.device)
+        return torch.where(asked & (self._miss(other, rows) < self.alike), other, rows)
+
+    @torch.no_grad()
+    def draw(self, places: Tensor, rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """False transitions in the contexts of `rows` [M]: sources and targets, each [count,M,Z].
+
+        Those that leave a latent leave that of the rows `places` [M].
+        """
         crossings, beyond = round(CROSSINGS * self.count), round(BEYOND * self.count)
         beyond = min(beyond, crossings)
         sources: list[Tensor] = []
         targets: list[Tensor] = []
         for i in range(crossings):
-            far, elsewhere = self._crossing(rows, rng)
-            sources.append(self.z[rows])
+            far, elsewhere = self._crossing(places, rows, rng)
+            sources.append(self.z[places])
             targets.append(far)
             if i < beyond:
                 sources.append(far)
                 targets.append(self.step(far, self.action[self._some(rows, rng)], elsewhere))
         for _ in range(self.count - crossings - beyond):
-            other = self._some(rows, rng)
+            other = self._misfit(rows, rng)
             sources.append(self.z[other])
             targets.append(self.z[other + 1])
         return torch.stack(sources), torch.stack(targets)
@@ -129,9 +149,28 @@ class OtherContexts:
         pick = torch.from_numpy(rng.integers(len(self.train), size=len(rows)))
         return self.train[pick.to(rows.device)]
 
-    def _crossing(self, rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """Where another context lets a row get farther [M,Z], and that context [M,C]."""
-        z, own_context = self.z[rows], self.context[rows]
+    def _miss(self, transitions: Tensor, rows: Tensor) -> Tensor:
+        """How far from where they led H_f has transitions [M] end in the contexts of rows [M]."""
+        end = self.step(self.z[transitions], self.action[transitions], self.context[rows])
+        miss: Tensor = (end - self.z[transitions + 1]).norm(dim=1)
+        return miss
+
+    def _misfit(self, rows: Tensor, rng: np.random.Generator) -> Tensor:
+        """Of a few transitions the one that fits the contexts of `rows` [M] the least: rows [M]."""
+        found = self._some(rows, rng)
+        worst = self._miss(found, rows)
+        for _ in range(TRIES - 1):
+            other = self._some(rows, rng)
+            miss = self._miss(other, rows)
+            found = torch.where(miss > worst, other, found)
+            worst = torch.maximum(miss, worst)
+        return found
+
+    def _crossing(
+        self, places: Tensor, rows: Tensor, rng: np.random.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """Where another context than that of `rows` lets one get farther [M,Z]; it, too [M,C]."""
+        z, own_context = self.z[places], self.context[rows]
         best = torch.full((len(rows),), -1.0, device=z.device)
         end, where = z.clone(), own_context.clone()
         for _ in range(TRIES):

@@ -90,31 +90,31 @@ def test_the_same_seed_draws_the_same_also_from_few_latents(
 def line_of_rooms(*, count: int) -> OtherContexts:
     """Places 0, 0.1, ..., 0.9 of a line in 20 episodes; the context is where a wall stands.
 
-    Steps are 0.2 to the right, and end at the wall.
+    Steps are 0.1 to the right, and by H_f end at the wall; who is beyond it stays.
     """
     place = torch.linspace(0, 0.9, 10).repeat(20)[:, None]
     wall = torch.linspace(0.05, 1, 20).repeat_interleave(10)[:, None]
 
     def step(z: Tensor, action: Tensor, context: Tensor) -> Tensor:
-        return torch.where(z < context, torch.minimum(z + 0.2 * action, context), z)
+        return torch.where(z < context, torch.minimum(z + 0.1 * action, context), z)
 
     inside = torch.arange(200)
     train = inside[inside % 10 < 9]
     action = torch.ones(200, 1)
-    return OtherContexts(place, action, wall, train, step, margin=0.01, count=count)
+    return OtherContexts(place, action, wall, train, step, margin=0.01, alike=0.01, count=count)
 
 
 def test_noise_of_other_contexts_crosses_walls_goes_on_beyond_them_and_was_seen_elsewhere() -> None:
     others = line_of_rooms(count=10)
     rows = torch.arange(0, 50, 10).repeat(40)  # the walls at 0.05 to 0.25, from 0
-    sources, targets = others.draw(rows, np.random.default_rng(0))
+    sources, targets = others.draw(rows, rows, np.random.default_rng(0))
     assert sources.shape == targets.shape == (10, 200, 1)
     wall = others.context[rows]
     crossing = [0, 2, 4, 5]
     assert (sources[crossing] == others.z[rows]).all()
     own = others.step(others.z[rows], others.action[rows], wall)
     farther = (targets[crossing] > own + others.margin).float().mean((0, 2))
-    possible = (own < 0.2 - others.margin).flatten()  # 15 of 20 walls are farther than any step
+    possible = (own < 0.1 - others.margin).flatten()  # 18 of 20 walls are farther than any step
     assert farther[possible].mean() > 0.99
     assert (farther[~possible] == 0).all()
     beyond = [1, 3]
@@ -122,12 +122,36 @@ def test_noise_of_other_contexts_crosses_walls_goes_on_beyond_them_and_was_seen_
     assert (targets[beyond] >= sources[beyond]).all()
     seen = targets[6:] - sources[6:]
     torch.testing.assert_close(seen, torch.full_like(seen, 0.1))
+    assert (targets[6:] > wall + others.alike).all()  # none fits: each of 4 tries does in 1 of 5
+
+
+def test_noise_leaves_given_places_in_the_contexts_of_other_rows() -> None:
+    others = line_of_rooms(count=5)
+    places, rows = torch.full((100,), 3), torch.arange(0, 200, 10).repeat(5)
+    sources, targets = others.draw(places, rows, np.random.default_rng(0))
+    torch.testing.assert_close(sources[0], torch.full((100, 1), 0.3))
+    barred = (others.context[rows] < 0.37).flatten()
+    assert (targets[0] > others.context[rows] + others.margin)[barred].float().mean() > 0.9
+
+
+def test_transitions_are_lent_to_contexts_that_they_fit() -> None:
+    others = line_of_rooms(count=5)
+    rows = torch.arange(0, 200, 10).repeat(50)
+    lent = others.lent(rows, 0.5, np.random.default_rng(0))
+    own, wall = lent == rows, others.context[rows].flatten()
+    ends = others.z[lent].flatten() + 0.1
+    assert (ends <= wall + others.alike)[~own].all()
+    roomy, narrow = wall > 0.9, wall < 0.15
+    assert (~own)[roomy].float().mean() == pytest.approx(0.5, abs=0.1)
+    assert (~own)[narrow].float().mean() < 0.1
+    assert torch.isin(lent, torch.cat([others.train, rows])).all()
+    assert torch.equal(others.lent(rows, 0, np.random.default_rng(0)), rows)
 
 
 def test_noise_of_other_contexts_is_the_same_for_the_same_seed_and_for_training_alone() -> None:
     others = line_of_rooms(count=5)
     rows = torch.arange(30)
-    one, again = (others.draw(rows, np.random.default_rng(3)) for _ in range(2))
+    one, again = (others.draw(rows, rows, np.random.default_rng(3)) for _ in range(2))
     torch.testing.assert_close(one, again, rtol=0, atol=0)
     assert (one[0][3:] < 0.85).all()  # no episode's last place starts a transition
 
@@ -135,9 +159,9 @@ def test_noise_of_other_contexts_is_the_same_for_the_same_seed_and_for_training_
 def test_where_no_context_gets_farther_a_false_step_is_an_ordinary_one() -> None:
     others = replace(line_of_rooms(count=5), margin=1.0)
     rows = torch.arange(0, 180, 10)
-    _, targets = others.draw(rows, np.random.default_rng(0))
+    _, targets = others.draw(rows, rows, np.random.default_rng(0))
     walls = others.context[others.train]
-    assert torch.isin(targets[0], torch.cat([walls, torch.tensor([[0.2]])])).all()
+    assert torch.isin(targets[0], torch.cat([walls, torch.tensor([[0.1]])])).all()
     assert len(targets[0].unique()) < len(walls.unique())
 
 
