@@ -32,7 +32,9 @@ ENV, LEVEL = "block-s", "hard"
 HOME = ROOT / "build" / "bench"
 
 
-COLLECTED = {"block-s": 50_000, "cable": 200_000}  # as many as `standard` collects
+def standard(*envs: str) -> dict[str, int]:
+    """Transitions that the preset `standard` collects in each environment."""
+    return {env: preset.load("standard", env).collect.n for env in envs}
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Sizes:
         growth: budgets of expansions.
         episodes: for replanning.
         steps: of training.
-        collect: transitions of each environment.
+        collect: transitions of each environment; as many as `standard` collects.
         nodes, trees: of the comparison with RRT*: nodes a tree, and how many trees.
     """
 
@@ -60,7 +62,7 @@ class Sizes:
     growth: tuple[int, ...] = (16_000, 32_000, 64_000)
     episodes: int = 20
     steps: int = 1500
-    collect: Mapping[str, int] = field(default_factory=lambda: dict(COLLECTED))
+    collect: Mapping[str, int] = field(default_factory=lambda: standard("block-s", "cable"))
     nodes: int = 4000
     trees: int = 20
 

@@ -254,8 +254,9 @@ class Replan:
     """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c).
 
     A row that has not moved farther than `stall_distance` for `patience` steps plans again at once,
-    and the transition that it tried in vain is remembered: until what is remembered so leaves no
-    way to the goal. A row whose plan has nothing more to say plans again, too.
+    and the transition that it tried in vain is remembered: until a search that is kept from such
+    places finds no way to the goal. All are forgotten then, and a new search begins at once, which
+    may double the cost of that plan. A row whose plan has nothing more to say plans again, too.
     """
 
     estimator: Estimator
@@ -308,15 +309,17 @@ class Replan:
 
     def _replanned(self, state: Following, z: Float32, rows: Int64) -> Following:
         """New plans for `rows`; if no way is left besides what failed, with that forgotten."""
-        state, reached = self._planned(state, z, rows)
-        lost = [b for b in rows[~reached] if len(state.failed[b])]
-        if not lost:
+        state, barred = self._planned(state, z, rows)
+        if not len(barred):
             return state
-        failed = tuple(x[:0] if b in lost else x for b, x in enumerate(state.failed))
-        return self._planned(replace(state, failed=failed), z, np.array(lost))[0]
+        failed, memory = list(state.failed), list(state.memory)
+        for b in barred.tolist():
+            failed[b], memory[b] = failed[b][:0], None  # the tree, too, was kept from there
+        forgetful = replace(state, failed=tuple(failed), memory=tuple(memory))
+        return self._planned(forgetful, z, barred)[0]
 
-    def _planned(self, state: Following, z: Float32, rows: Int64) -> tuple[Following, Bool]:
-        """New plans for `rows`, and whether they reach the goal."""
+    def _planned(self, state: Following, z: Float32, rows: Int64) -> tuple[Following, Int64]:
+        """New plans for `rows`, and those of them that what failed leaves no way."""
         task, log, memory = state.task, state.log, list(state.memory)
         seeds = [derived_seed("plan", int(task.seed[b]), int(log.plans[b])) for b in rows]
         query = Query(
@@ -343,7 +346,7 @@ class Replan:
             log=log,
             memory=tuple(memory),
         )
-        return following, plan.reached
+        return following, rows[np.array(plan.barred, np.int64)]
 
 
 def _standing(z: Float32, plan: Plan) -> Route:

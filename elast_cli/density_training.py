@@ -23,7 +23,7 @@ from elast_cli.training import (
 )
 
 FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
-ALIKE = 0.25  # of a median step: how near two ends count as the same; twice what H_f errs by
+ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs by half as much
 
 
 class DensityStage(StrictModel):
@@ -50,8 +50,10 @@ def train_density(
     noise = _noise(data, psi, setting)
     others = _other_contexts(data, psi, ensemble)
 
-    def objective(rows: Tensor, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        places = others.lent(rows, stage.net.lent_share, rng) if others else rows
+    def objective(
+        rows: Tensor, rng: np.random.Generator, lent_share: float = 0.0
+    ) -> tuple[Tensor, Tensor]:
+        places = others.lent(rows, lent_share, rng) if others else rows
         z, _, _, z_next = data.transitions(places)
         context = data.context[rows]
         sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(places, rng).flatten(0, 1)
@@ -69,7 +71,7 @@ def train_density(
         return nce_loss(log_ratio, zero, is_data, ratio), accuracy
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
-        value, accuracy = objective(data.batch(rng, size), rng)
+        value, accuracy = objective(data.batch(rng, size), rng, stage.net.lent_share)
         return value, {"balanced_accuracy": accuracy}
 
     def validate(rows: Tensor) -> dict[str, float]:

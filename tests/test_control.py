@@ -166,6 +166,7 @@ class Straight:
     """Plans steps of 1 towards the goal, and keeps what it was asked."""
 
     steps: int = 20
+    arrives: bool = True
     asked: list[Query] = field(default_factory=list)
 
     def plan(self, query: Query) -> Plan:
@@ -173,7 +174,8 @@ class Straight:
         gap = query.goal - query.start
         k = np.arange(self.steps + 1, dtype=np.float32)
         paths = query.start + np.sign(gap) * np.minimum(k, np.abs(gap))
-        return plan_of(paths.tolist())
+        reached = np.full(len(gap), self.arrives)
+        return replace(plan_of(paths.tolist()), reached=reached)
 
 
 def frames_of(*values: int) -> Uint8:
@@ -285,7 +287,7 @@ def test_a_row_that_does_not_move_replans_at_once_and_hands_on_what_failed() -> 
     assert [len(pairs) for pairs in state.failed] == [1, 0]
 
 
-def test_what_failed_is_remembered_for_the_rest_of_the_episode() -> None:
+def test_what_failed_is_remembered_while_a_way_is_left() -> None:
     planner = Straight()
     controller = patient(planner)
     state = controller.begin(task_of(9))
@@ -296,24 +298,38 @@ def test_what_failed_is_remembered_for_the_rest_of_the_episode() -> None:
 
 
 @dataclass
-class Barred(Straight):
-    """Finds a way only for rows that have not failed at anything."""
+class Barred(Remembering):
+    """Finds no way for rows on their way to 9 that have failed at something."""
 
     def plan(self, query: Query) -> Plan:
-        return replace(super().plan(query), reached=np.array([not len(x) for x in query.failed]))
+        rows = enumerate(zip(query.goal[:, 0], query.failed, strict=True))
+        barred = [b for b, (goal, failed) in rows if goal == 9 and len(failed)]
+        reached = ~np.isin(np.arange(len(query.goal)), barred)
+        return replace(super().plan(query), reached=reached, barred=barred)
 
 
-def test_what_leaves_no_way_to_the_goal_is_forgotten() -> None:
+def test_what_leaves_no_way_to_the_goal_is_forgotten_and_with_it_the_tree() -> None:
     planner, both = Barred(), np.array([True, True])
     controller = patient(planner)
-    state = controller.begin(task_of(9, 9))
-    for moving in (1, 2, 3):
-        _, state = controller.act(state, frames_of(5, moving), both)
-    assert [len(query.failed[0]) for query in planner.asked] == [0, 1, 0]
-    assert planner.asked[2].start.tolist() == [[5]]
-    assert planner.asked[2].seed.tolist() == [derived_seed("plan", 0, 2)]
-    assert [len(pairs) for pairs in state.failed] == [0, 0]
-    assert state.log.plans.tolist() == [3, 1]
+    state = controller.begin(task_of(8, 9))
+    for _ in range(3):
+        _, state = controller.act(state, frames_of(5, 6), both)
+    assert [[len(x) for x in query.failed] for query in planner.asked] == [[0, 0], [1, 1], [0]]
+    assert [query.memory for query in planner.asked] == [[None, None], [1, 1], [None]]
+    assert planner.asked[2].start.tolist() == [[6]]
+    assert planner.asked[2].seed.tolist() == [derived_seed("plan", 1, 2)]
+    assert [len(pairs) for pairs in state.failed] == [1, 0]
+    assert state.log.plans.tolist() == [2, 3]
+
+
+def test_a_plan_that_does_not_arrive_for_other_reasons_is_made_once() -> None:
+    planner = Straight(arrives=False)
+    controller = patient(planner)
+    state = controller.begin(task_of(9))
+    for _ in range(3):
+        _, state = controller.act(state, frames_of(5), np.array([True]))
+    assert [len(query.failed[0]) for query in planner.asked] == [0, 1]
+    assert len(state.failed[0]) == 1
 
 
 def test_a_step_that_moves_starts_the_count_again() -> None:

@@ -20,6 +20,7 @@ from elast_cli.models.cpc import CpcConfig, Representation
 from elast_cli.models.density import DensityConfig, TransitionDensity
 from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig
 from elast_cli.models.encoder import Encoder, EncoderConfig
+from elast_cli.models.noise import OtherContexts
 from elast_cli.models.policy import LocalPolicy, PolicyConfig
 from elast_cli.models.support import SupportedDynamics
 from elast_cli.progress import Silent
@@ -337,6 +338,43 @@ def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
     assert not torch.equal(weights(differing, 0.0, None), weights(differing, 0.5, dynamics))
     with pytest.raises(ValueError, match="needs the ensemble"):
         weights(differing, 0.5, None)
+
+
+def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_lent_to(
+    data: LatentData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = replace(data, context=torch.rand(len(data.z), 2))
+    dynamics = DynamicsEnsemble(EnsembleConfig(members=2, width=8), 3, 2, 2)
+    borrower: list[Tensor] = []
+    shares: list[float] = []
+    seen: list[int] = []
+
+    def lent(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
+        borrower.append(rows)
+        shares.append(share)
+        return rows.flip(0)
+
+    def log_ratio(self: TransitionDensity, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
+        rows = borrower[-1]
+        places, count = rows.flip(0), len(rows)
+        if len(z) == 11 * count:  # with ten false ones each; not in calibration
+            assert torch.equal(z[:count], data.z[places])
+            assert torch.equal(z_next[:count], data.z[places + 1])
+            assert torch.equal(context, data.context[rows].repeat(11, 1))
+            assert torch.equal(z[6 * count : 7 * count], data.z[places])  # the first one elsewhere
+            seen.append(count)
+        return known(self, z, z_next, context)
+
+    known = TransitionDensity.log_ratio
+    with monkeypatch.context() as patch:
+        patch.setattr(OtherContexts, "lent", lent)
+        patch.setattr(TransitionDensity, "log_ratio", log_ratio)
+        net = DensityConfig(width=8, lent_share=0.25)
+        stage = DensityStage(net=net, fit=FitConfig(steps=3, batch_size=16))
+        train_density(data, stage, setting(tmp_path), dynamics)
+    assert shares.count(0.25) == 3
+    assert len(seen) == len(shares)
+    assert set(shares) == {0.0, 0.25}  # what is held out is never lent
 
 
 def test_the_policy_learns_and_calibrates_its_round_trip(

@@ -18,10 +18,10 @@ class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
 
     Where episodes differ in their context, a share `context_share` of the noise are transitions
-    that fit other contexts, and up to `lent_share` of the data are those of other episodes that fit
-    the context, too. Of the rest of the noise, a share `near_share` leads to latents of the data
-    within `near_radius` (in 95 % quantiles of the lengths of steps) of the source. With neither, it
-    is the paper's Gaussian noise.
+    that fit other contexts. With such noise, up to `lent_share` of the data are transitions of
+    other episodes that fit the context, too. Of the rest of the noise, a share `near_share` leads
+    to latents of the data within `near_radius` (in 95 % quantiles of the lengths of steps) of the
+    source. With neither, it is the paper's Gaussian noise.
     """
 
     width: int = Field(default=128, gt=0, le=MAX_WIDTH)

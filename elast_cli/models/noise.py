@@ -79,7 +79,7 @@ class OtherContexts:
 
     A tree walks into an obstacle by the small errors of H_f, and goes on from there, where nothing
     was ever seen. Telling data from noise in general teaches ψ hardly anything about obstacles;
-    this noise differs from data in nothing else. Of each row's
+    this noise is meant to differ from data in nothing else. Of each row's
 
     - two in five leave a latent as H_f has it in another context, and get farther than they would
       in the row's: of a few tries, the one where the two differ the most. Where none gets farther,
@@ -169,7 +169,7 @@ class OtherContexts:
     def _crossing(
         self, places: Tensor, rows: Tensor, rng: np.random.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Where another context than that of `rows` lets one get farther [M,Z]; it, too [M,C]."""
+        """Where another context than that of `rows` lets one get farther [M,Z], and it [M,C]."""
         z, own_context = self.z[places], self.context[rows]
         best = torch.full((len(rows),), -1.0, device=z.device)
         end, where = z.clone(), own_context.clone()

@@ -59,6 +59,7 @@ class Plan:
         policy_calls: evaluations of π [B].
         repeatable: whether the same query always gives this plan; a time budget makes it not so.
         memory: what the planner would like to see again when it replans [B], or nothing.
+        barred: rows whose path does not arrive, and which what had failed was kept from.
     """
 
     states: Float32
@@ -70,6 +71,7 @@ class Plan:
     policy_calls: Int64
     repeatable: bool = True
     memory: Sequence[object] = ()
+    barred: Sequence[int] = ()
 
 
 class Planner(Protocol):

@@ -448,6 +448,7 @@ class Search:
             policy_calls=self.tally.policy,
             repeatable=self.config.time_budget is None,
             memory=[reuse.remember(forest, b) for b in rows[:, 0]] if self.config.reuse else (),
+            barred=[b for b in self.failures if not reached[b]],
         )
 
 

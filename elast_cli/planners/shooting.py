@@ -100,17 +100,21 @@ def refined(step: Step, path: Shot, goal: Float32, *, unit: float, iterations: i
 
 
 def end_slope(step: Step, path: Shot, unit: float) -> Float64:
-    """How the end of a path moves with its actions [Z,T·A], by differences of H_f."""
+    """How the end of a path moves with its actions [Z,T·A], by differences of H_f.
+
+    Actions are changed towards zero, which never leaves the box.
+    """
     z, a = path.states[:-1], path.actions
     length, latents = z.shape
     inputs = np.concatenate([z, a], 1)
-    by = np.full(inputs.shape[1], DIFFERENCE, np.float32)
-    by[:latents] *= np.float32(unit)
-    moved = inputs[:, None] + np.diag(by)
+    by = np.full(inputs.shape, DIFFERENCE, np.float32)
+    by[:, :latents] *= np.float32(unit)
+    by[:, latents:] *= np.where(a > 0, np.float32(-1), np.float32(1))
+    moved = inputs[:, None] + by[:, None] * np.eye(inputs.shape[1], dtype=np.float32)
     flat = np.ascontiguousarray(moved.reshape(-1, inputs.shape[1]), dtype=np.float32)
     ends = step(np.ascontiguousarray(flat[:, :latents]), np.ascontiguousarray(flat[:, latents:]))
     change = ends.astype(np.float64).reshape(length, -1, latents) - path.states[1:, None]
-    slopes = (change / by[:, None].astype(np.float64)).transpose(0, 2, 1)  # [T,Z,Z+A]
+    slopes = (change / by[..., None].astype(np.float64)).transpose(0, 2, 1)  # [T,Z,Z+A]
     out = np.empty((latents, length, a.shape[1]))
     after = np.eye(latents)
     for t in range(length - 1, -1, -1):
@@ -185,16 +189,22 @@ class ShootingPlanner:
                 paths[b] = self._best([paths[b], *found], query, b)
                 memory[b] = reuse.remember(search.forest, i) if self.tree.config.reuse else None
         longest = max(len(path.states) for path in paths)
+        reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
         return Plan(
             states=np.stack([_lengthened(path.states, longest) for path in paths]),
             actions=np.stack([_lengthened(path.actions, longest - 1) for path in paths]),
             length=np.array([len(path.states) for path in paths]),
-            reached=np.array([path.gap <= self.tree.radii.goal for path in paths]),
+            reached=reached,
             transitions=spent,
             density_calls=density,
             policy_calls=policy,
             repeatable=self.tree.config.time_budget is None,
             memory=memory if self.tree.config.reuse else (),
+            barred=[
+                b
+                for b in due.tolist()
+                if len(query.failed) and len(query.failed[b]) and not reached[b]
+            ],
         )
 
     def _continued(self, world: World, query: Query, b: int) -> Shot:

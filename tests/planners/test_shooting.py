@@ -46,6 +46,19 @@ def test_the_slope_of_the_end_is_what_changed_actions_do_to_it() -> None:
     )
 
 
+@pytest.mark.parametrize("bound", [-1, 1])
+def test_slopes_of_actions_at_their_bounds_are_those_inside(bound: int) -> None:
+    def boxed(z: Float32, action: Float32) -> Float32:
+        return bent(z, np.clip(action, -1, 1))
+
+    start, actions = np.zeros(3, np.float32), np.full((4, 2), bound, np.float32)
+    inside = end_slope(bent, shot(bent, start, actions, start), 1.0)
+    np.testing.assert_allclose(
+        end_slope(boxed, shot(boxed, start, actions, start), 1.0), inside, rtol=1e-4, atol=1e-4
+    )
+    assert np.abs(inside).max(0).min() > 0.01
+
+
 @law
 @given(seeds, st.integers(1, 20))
 def test_refining_never_ends_farther_and_keeps_to_the_box(seed: int, length: int) -> None:
