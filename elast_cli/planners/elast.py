@@ -417,9 +417,7 @@ class Search:
     def best_nodes(self) -> tuple[Int64, Bool]:
         """The end of each row's path [B], and whether it lies within r_goal of the goal [B].
 
-        The cheapest node within r_goal, the nearer of two, and rather one from which an edge to the
-        goal would pass all tests: near is not enough next to a wall or a stream. Where none lies
-        within r_goal, the node nearest to the goal.
+        The cheapest node within r_goal, the nearer of two; else the node nearest to the goal.
         """
         forest, goal = self.forest, self.query.goal
         nodes = forest.nearest.copy()
@@ -428,25 +426,9 @@ class Search:
             distance = np.linalg.norm(latent - goal[b], axis=1)
             inside = np.flatnonzero(distance <= self.radii.goal)
             if len(inside):
-                apart = ~self._linked(int(b), inside)
-                order = np.lexsort((distance[inside], forest.depth[b, inside], apart))
+                order = np.lexsort((distance[inside], forest.depth[b, inside]))
                 nodes[b] = inside[order[0]]
         return nodes, forest.nearest_distance <= self.radii.goal
-
-    def _linked(self, b: int, nodes: Int64) -> Bool:
-        """Whether an edge from `nodes` [M] of tree b to its goal passes the tests [M]."""
-        count, row = len(nodes), np.full(len(nodes), b)
-        goal = self.query.goal[b : b + 1]
-        _, linked = self._round_trip(
-            self.forest.latent[b, nodes], np.repeat(goal, count, axis=0), row
-        )
-        if self.limits.min_log_density > -np.inf:
-            own = self.world.features(goal, row[:1])
-            table = np.concatenate([self.forest.feature[b, nodes], own])
-            ends = np.arange(count), np.full(count, count)
-            linked &= self.world.log_density(table, *ends) >= self.limits.min_log_density
-            self.tally.density[b] += count
-        return linked
 
     def best_plan(self) -> Plan:
         """Backtrack from each row's best node."""

@@ -29,7 +29,7 @@ from elast_cli.store import Ref, Store
 if TYPE_CHECKING:
     from elast_cli.control import Trace
 
-ALGORITHM_VERSION = 11
+ALGORITHM_VERSION = 10
 
 
 def step(job: Job, method: str, levels: Sequence[str]) -> Step:

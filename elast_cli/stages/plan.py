@@ -24,7 +24,7 @@ from elast_cli.store import Ref, Store
 if TYPE_CHECKING:
     from elast_cli.explain import Explanation
 
-ALGORITHM_VERSION = 9
+ALGORITHM_VERSION = 8
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
 METRICS = ("reached", "steps", "nodes", "seconds", "repeatable")

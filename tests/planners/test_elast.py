@@ -199,9 +199,7 @@ def test_the_budget_bounds_the_tree_and_the_calls(seed: int, config: dict[str, A
     assert search.done == budget
     assert (search.forest.size <= budget + 1).all()
     np.testing.assert_array_equal(plan.transitions, budget + plan.policy_calls)
-    known = np.arange(search.forest.capacity) < search.forest.size[:, None]
-    near_goal = (known & (search.forest.to_goal <= RADII.goal)).sum(1)  # could the goal be next?
-    assert config["rewire"] or (plan.policy_calls <= near_goal).all()
+    assert config["rewire"] or not plan.policy_calls.any()
 
 
 def test_the_calls_of_an_ensemble_count_for_each_member() -> None:
@@ -243,23 +241,6 @@ def test_a_full_tree_stops_and_is_that_of_a_solo_run(seed: int, nodes: int, worl
             ours, theirs = getattr(together.forest, name), getattr(alone.forest, name)
             np.testing.assert_array_equal(ours[b, :size], theirs[0, :size], err_msg=name)
         assert together.tally.transitions[b] == alone.tally.transitions[0]
-
-
-def test_a_path_ends_where_the_goal_can_be_gone_to_not_behind_the_wall_beside_it() -> None:
-    start, goal = np.array([[-0.5, 0.4]], np.float32), np.array([[0.03, 0.4]], np.float32)
-    query = Query(start, goal, np.full((1, 1), -0.2, np.float32), np.array([1]))
-    search = grown(query, expansions=3000, prune=False)
-    inside = np.flatnonzero(search.forest.to_goal[0, : search.forest.size[0]] <= RADII.goal)
-    behind = search.forest.latent[0, inside, 0] < 0
-    assert behind.any()
-    assert (
-        search.forest.depth[0, inside[behind]].min() < search.forest.depth[0, inside[~behind]].min()
-    )
-    asked = search.tally.density.copy()
-    plan = search.best_plan()
-    assert plan.reached.all()
-    assert plan.states[0, plan.length[0] - 1, 0] > 0
-    assert plan.density_calls[0] == asked[0] + len(inside)
 
 
 def test_a_plan_under_a_time_budget_is_not_repeatable() -> None:
