@@ -338,15 +338,10 @@ class Replan:
             memory[b] = item
         age, stalled = state.age.copy(), state.stalled.copy()
         age[rows], stalled[rows] = 0, 0
-        following = replace(
-            state,
-            route=(state.route or _standing(z, plan)).updated(plan, rows),
-            age=age,
-            stalled=stalled,
-            log=log,
-            memory=tuple(memory),
-        )
-        return following, rows[np.array(plan.barred, np.int64)]
+        route = (state.route or _standing(z, plan)).updated(plan, rows)
+        known = tuple(memory)
+        state = replace(state, route=route, age=age, stalled=stalled, log=log, memory=known)
+        return state, rows[np.array(plan.barred, np.int64)]
 
 
 def _standing(z: Float32, plan: Plan) -> Route:

@@ -1,0 +1,49 @@
+"""The models in `docs/results/models` are whole, small, and can be loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elast_cli.envs import make, scenarios
+from elast_cli.methods import load_models
+from elast_cli.models.inference import FrameEncoder
+from elast_cli.shapes import FRAMES
+from elast_cli.store import Store
+
+HOME = Path(__file__).parents[1] / "docs" / "results" / "models"
+TASKS = sorted(path.name for path in (HOME / "artifacts").iterdir())
+MOST = 5_000_000  # bytes of a file
+
+
+def test_there_are_some() -> None:
+    assert "cable" in TASKS
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task: str) -> None:
+    store = Store(HOME)
+    folders = {}
+    for kind in ("context", "encoder", "ensemble", "density", "policy"):
+        for ref in store.refs(task, kind):
+            store.file(ref, "model.safetensors")  # checks its digest
+            folders[kind] = store.path(ref)
+    assert {"encoder", "ensemble", "density", "policy"} <= set(folders)
+    for folder in folders.values():
+        assert all(file.stat().st_size < MOST for file in folder.iterdir())
+    models = load_models(folders, "cpu")
+    env = make(task, {})
+    level = next(iter(env.levels))
+    frames, images = [], []
+    for scenario in scenarios(task, level, seed=0, count=2, domain="scenario-test"):
+        for state in (scenario.start, scenario.goal):
+            env.set_state(state, scenario.layout)
+            frames.append(np.repeat(env.frame()[None], FRAMES, axis=0))
+            if models.context:
+                images.append(env.context)
+    background = np.array(images) if images else None
+    z = FrameEncoder(models.encoder.encoder)(np.stack(frames), background)
+    gaps = np.linalg.norm(z[:, None] - z[None], axis=-1)[np.triu_indices(4, 1)]
+    assert gaps.min() > models.encoder.step_length(0.5)
