@@ -14,7 +14,7 @@ from elast_cli.shapes import FRAMES
 from elast_cli.store import Store
 
 HOME = Path(__file__).parents[1] / "docs" / "results" / "models"
-TASKS = sorted(path.name for path in (HOME / "artifacts").iterdir())
+TASKS = sorted(path.name for path in (HOME / "artifacts").glob("[!.]*"))
 MOST = 5_000_000  # bytes of a file
 
 
