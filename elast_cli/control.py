@@ -339,8 +339,7 @@ class Replan:
         age, stalled = state.age.copy(), state.stalled.copy()
         age[rows], stalled[rows] = 0, 0
         route = (state.route or _standing(z, plan)).updated(plan, rows)
-        known = tuple(memory)
-        state = replace(state, route=route, age=age, stalled=stalled, log=log, memory=known)
+        state = replace(state, route=route, age=age, stalled=stalled, log=log, memory=tuple(memory))
         return state, rows[np.array(plan.barred, np.int64)]
 
 

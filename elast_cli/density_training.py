@@ -23,7 +23,7 @@ from elast_cli.training import (
 )
 
 FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
-ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs by half as much
+ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs by half of it
 
 
 class DensityStage(StrictModel):

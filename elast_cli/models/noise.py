@@ -117,6 +117,8 @@ class OtherContexts:
         A `share` of them are of other episodes, or fewer: a random one that does not fit is
         replaced by the row itself, as are all others.
         """
+        if not share:
+            return rows
         other = self._some(rows, rng)
         asked = torch.from_numpy(rng.random(len(rows)) < share).to(rows.device)
         return torch.where(asked & (self._miss(other, rows) < self.alike), other, rows)
