@@ -15,7 +15,7 @@ import torch
 from benchmarks.document import ROOT
 from elast_cli import preset
 from elast_cli.dataset import Dataset
-from elast_cli.envs import make, scenarios
+from elast_cli.envs import ENVS, make, scenarios
 from elast_cli.methods import METHODS, Models, load_models
 from elast_cli.models.inference import FrameEncoder
 from elast_cli.planners.base import Query
@@ -62,7 +62,7 @@ class Sizes:
     growth: tuple[int, ...] = (16_000, 32_000, 64_000)
     episodes: int = 20
     steps: int = 1500
-    collect: Mapping[str, int] = field(default_factory=lambda: standard("block-s", "cable"))
+    collect: Mapping[str, int] = field(default_factory=lambda: standard(*ENVS))
     nodes: int = 4000
     trees: int = 20
 

@@ -6,7 +6,7 @@ A shard is a dataset of consecutive episodes; both have the layout of `dataset_f
 from __future__ import annotations
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,30 +131,62 @@ def shard_path(folder: Path, first: int) -> Path:
     return folder / f"episodes-{first:07d}.h5"
 
 
-def write_shard(path: Path, episodes: Sequence[Episode], *, first_row: int = 0) -> None:
-    """Put consecutive episodes on disk, whole or not at all.
+def write_shard(path: Path, episodes: Iterable[Episode], *, first_row: int = 0) -> None:
+    """Put consecutive episodes on disk, whole or not at all; none is kept once the next is asked.
 
     `first_row` is the row of their first one in the dataset; images are then cut into chunks as
     they are there, and `compact` need not compress them again.
     """
+    packed = _Packed(lead=first_row % dataset_file.CHUNK_ROWS)
+    for episode in episodes:
+        packed.append(episode)
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
-        with dataset_file.create_columns(
-            temporary,
-            [len(episode.pixels) for episode in episodes],
-            _row_shapes(episodes[0]),
-            first_episode=episodes[0].seed_index,
-            lead=first_row % dataset_file.CHUNK_ROWS,
-        ) as columns:
-            for name, column in columns.items():
-                end = len(column) - sum(len(episode.pixels) for episode in episodes)
-                for episode in episodes:
-                    start, end = end, end + len(episode.pixels)
-                    column[start:end] = getattr(episode, name)
+        packed.write(temporary)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
     sync_folder(path.parent)
+
+
+class _Packed:
+    """Episodes end to end, their images compressed as they come."""
+
+    def __init__(self, *, lead: int) -> None:
+        """No episodes yet; columns of images begin with `lead` blank rows."""
+        self._lead = lead
+        self._numbers: list[int] = []
+        self._lengths: list[int] = []
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._vectors: dict[str, list[NDArray[np.float32]]] = {"action": [], "state": []}
+        self._images: dict[str, dataset_file.ImageChunks] = {}
+
+    def append(self, episode: Episode) -> None:
+        rows = len(episode.pixels)
+        if not self._shapes:
+            self._shapes = _row_shapes(episode)
+            self._images = {
+                name: dataset_file.ImageChunks(shape, lead=self._lead)
+                for name, shape in self._shapes.items()
+                if name not in self._vectors
+            }
+        self._numbers.append(episode.seed_index)
+        self._lengths.append(rows)
+        for name, parts in self._vectors.items():
+            parts.append(getattr(episode, name))
+        self._images["pixels"].append(episode.pixels)
+        if episode.context is not None:  # stands for all rows
+            repeated = np.broadcast_to(episode.context, (rows, *episode.context.shape))
+            self._images["context"].append(repeated)
+
+    def write(self, path: Path) -> None:
+        with dataset_file.create_columns(
+            path, self._lengths, self._shapes, first_episode=self._numbers[0], lead=self._lead
+        ) as columns:
+            for name, parts in self._vectors.items():
+                columns[name][...] = np.concatenate(parts)
+            for name, chunks in self._images.items():
+                chunks.write(columns[name])
 
 
 def compact(

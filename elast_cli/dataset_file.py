@@ -22,6 +22,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from elast_cli.errors import DataError
@@ -109,6 +110,55 @@ def _create(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
 
 def _of_images(row_shape: tuple[int, ...]) -> bool:
     return len(row_shape) == 3
+
+
+class ImageChunks:
+    """A column of images, compressed as they come, chunk by chunk.
+
+    ISA-L takes a fifth of the time of HDF5's own zlib and makes smaller files, which every reader
+    of gzip can read.
+    """
+
+    def __init__(self, row_shape: tuple[int, ...], *, lead: int = 0) -> None:
+        """An empty column of images u8 [H, W, 3], after `lead` < CHUNK_ROWS blank rows."""
+        self._row_shape = row_shape
+        self._rows = 0
+        self._chunks: list[bytes] = []
+        self._begin_chunk()
+        self._append_blank(lead)
+
+    def append(self, images: NDArray[np.uint8]) -> None:
+        """Put images [n, H, W, 3] behind those that are there."""
+        while len(images):
+            fitting, images = np.split(images, [CHUNK_ROWS - self._rows % CHUNK_ROWS])
+            same = fitting.strides[0] == 0  # one image that stands for all
+            self._parts += map(self._compress, fitting if same else [fitting])
+            self._rows += len(fitting)
+            if self._rows % CHUNK_ROWS == 0:
+                self._end_chunk()
+
+    def write(self, column: h5py.Dataset) -> None:
+        """Put all of them, the lead among them, into a new column of as many rows; once."""
+        if self._rows < CHUNK_ROWS:
+            self._end_chunk()
+        else:
+            self._append_blank(-self._rows % CHUNK_ROWS)
+        for place, chunk in enumerate(self._chunks):
+            column.id.write_direct_chunk((place * CHUNK_ROWS, 0, 0, 0), chunk)
+
+    def _append_blank(self, rows: int) -> None:
+        self.append(np.zeros((rows, *self._row_shape), np.uint8))
+
+    def _begin_chunk(self) -> None:
+        compressor = isal_zlib.compressobj(level=1)
+        self._compress, self._flush = compressor.compress, compressor.flush
+        self._parts: list[bytes] = []
+
+    def _end_chunk(self) -> None:
+        """Keep the chunk as the file will hold it: compressed, then its checksum."""
+        compressed = b"".join([*self._parts, self._flush()])
+        self._chunks.append(compressed + _fletcher32(compressed).to_bytes(4, "little"))
+        self._begin_chunk()
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from elast_cli.errors import DataError
 
 MAX_BYTES = 16 << 30
 MAX_CHUNK_BYTES = 4 << 20
-MAX_RATIO = 300  # declared bytes a stored byte; true frames reach 6 to 80
+MAX_RATIO = 300  # declared bytes a stored byte; true frames reach 6 to 110
 SPARE_BYTES = 64 << 20  # so much does no harm at any ratio
 
 _FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}

@@ -212,9 +212,12 @@ def test_every_measurement_runs_on_models_that_it_trains_itself(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_collection_is_measured(tmp_path: Path) -> None:
-    (figure,) = collection.figures(Bench(TINY, home=tmp_path))
-    assert figure.ratio is not None
-    assert figure.ratio > 0
+    whole, later = collection.figures(Bench(TINY, home=tmp_path))
+    assert whole.ratio is not None
+    assert whole.ratio > 0
+    assert (
+        whole.facts["bare loop, frames/s a process"] == later.facts["bare loop, frames/s a process"]
+    )
 
 
 def test_rrt_star_is_measured_where_it_is_installed(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from elast_cli import preset
 from elast_cli.dataset import column_digests, shard_path
+from elast_cli.dataset_file import CHUNK_ROWS
 from elast_cli.envs import ENVS, base, make
 from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
 from elast_cli.manifest import JsonDict
@@ -251,6 +252,19 @@ def test_any_number_of_workers_collects_the_same(
         ref, columns = dataset_of(replace(job, store=store, config=config, workers=workers))
         digests.append((columns, store.manifest(ref).files))
     assert digests[0] == digests[1]
+
+
+@pytest.mark.parametrize("rows", [11, 21, 26, 51, 64])
+def test_shards_of_short_episodes_are_whole_chunks(rows: int) -> None:
+    shares = collect._shares(1000, rows)
+    assert [index for share in shares for index in share] == list(range(1000))
+    for share in shares[:-1]:
+        assert len(share) * rows % CHUNK_ROWS == 0
+        assert collect.SHARD_ROWS / 2 < len(share) * rows <= collect.SHARD_ROWS * 2
+
+
+def test_shards_of_long_episodes_stay_short() -> None:
+    assert {len(share) * 501 for share in collect._shares(100, 501)} == {2004}
 
 
 def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(

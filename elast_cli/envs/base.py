@@ -247,7 +247,7 @@ class RandomPolicy:
         """The next action, f32 [A] in [-1, 1]."""
         if rng.random() < self.config.keep:
             kept = self._action + self.config.noise * rng.standard_normal(self.action_size)
-            self._action = np.clip(kept, -1.0, 1.0)
+            self._action = np.minimum(np.maximum(kept, -1.0), 1.0)  # np.clip takes thrice as long
         else:
             self._action = rng.uniform(-1.0, 1.0, self.action_size)
         return self._action.astype(np.float32)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import elast_cli
 from elast_cli.dataset import compact, shard_path, write_shard
+from elast_cli.dataset_file import CHUNK_ROWS
 from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, make, spec
 from elast_cli.errors import DataError
 from elast_cli.manifest import JsonDict
@@ -17,7 +19,7 @@ from elast_cli.stages.workers import each
 
 ALGORITHM_VERSION = 1
 DATASET_FILE = "dataset.h5"
-SHARD_ROWS = 2048  # at most, of episodes that are not longer
+SHARD_ROWS = 2048  # about so many, of episodes that are not longer
 
 
 def step(job: DataJob) -> Step:
@@ -84,8 +86,15 @@ def _collect(job: DataJob, run: Run) -> JsonDict:
 
 
 def _shares(episodes: int, rows: int) -> list[range]:
-    """Episodes of each shard, the same for any number of workers; an episode has `rows` rows."""
+    """Episodes of each shard, the same for any number of workers; an episode has `rows` rows.
+
+    Shards of so many episodes that they end where a chunk of images ends, if these are not too
+    many: nothing has to be compressed again when they are put together.
+    """
     size = max(SHARD_ROWS // rows, 1)
+    even = CHUNK_ROWS // math.gcd(rows, CHUNK_ROWS)
+    if even * rows <= 2 * SHARD_ROWS:
+        size = even * max(round(size / even), 1)
     return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
 
 
@@ -93,9 +102,9 @@ def _collect_shard(shard: _Shard) -> int:
     """Number of episodes written; each is the same whoever runs it, and may be run again."""
     env = make(shard.env, shard.config)
     policy = RandomPolicy(env.action_size, shard.policy)
-    episodes = [
+    episodes = (
         collect_episode(env, seed=shard.seed, index=index, length=shard.length, policy=policy)
         for index in shard.episodes
-    ]
+    )  # made one by one: memory that is used again costs far less than fresh memory
     write_shard(shard.path, episodes, first_row=shard.episodes.start * (shard.length + 1))
-    return len(episodes)
+    return len(shard.episodes)
