@@ -41,12 +41,14 @@ def figures(bench: Bench) -> list[Figure]:
 def _figures(env: str, n: int, workers: int) -> tuple[Figure, Figure]:
     length = load(PRESET, env).collect.episode_steps
     bare = [bare_loop(env)]
-    tenth = _collect(env, n // 10, workers)
+    first = max(n // 10, length)
+    tenth = _collect(env, first, workers)
     whole = _collect(env, n, workers)
     bare.append(bare_loop(env))
     frames, fastest = _rows(n, length), 1 / min(loop.wall for loop in bare)
     rate = frames / whole.wall
-    later = (frames - _rows(n // 10, length)) / (whole.wall - tenth.wall)
+    spent = max(whole.wall - tenth.wall, 1e-3)  # so little only where nearly all is start-up
+    later = (frames - _rows(first, length)) / spent
 
     def figure(name: str, rate: float, seconds: dict[str, float]) -> Figure:
         return Figure(
@@ -68,7 +70,7 @@ def _figures(env: str, n: int, workers: int) -> tuple[Figure, Figure]:
                 "CPU of so many frames in the bare loop": frames * min(loop.cpu for loop in bare),
             },
         ),
-        figure(f"{env}, all but the first {n // 10:,}", later, {"the first": tenth.wall}),
+        figure(f"{env}, all but the first {first:,}", later, {"the first": tenth.wall}),
     )
 
 

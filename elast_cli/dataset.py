@@ -162,9 +162,12 @@ class _Packed:
         self._images: dict[str, dataset_file.ImageChunks] = {}
 
     def append(self, episode: Episode) -> None:
-        rows = len(episode.pixels)
+        """Put an episode behind those that are there. Raises DataError if its rows are others."""
+        rows, shapes = len(episode.pixels), _row_shapes(episode)
+        if self._shapes and shapes != self._shapes:
+            raise DataError(f"episode {episode.seed_index} has rows {shapes}, not {self._shapes}")
         if not self._shapes:
-            self._shapes = _row_shapes(episode)
+            self._shapes = shapes
             self._images = {
                 name: dataset_file.ImageChunks(shape, lead=self._lead)
                 for name, shape in self._shapes.items()
@@ -180,6 +183,9 @@ class _Packed:
             self._images["context"].append(repeated)
 
     def write(self, path: Path) -> None:
+        """Put all of them into a new file. Raises DataError if there are none."""
+        if not self._numbers:
+            raise DataError(f"{path}: a dataset of no episodes")
         with dataset_file.create_columns(
             path, self._lengths, self._shapes, first_episode=self._numbers[0], lead=self._lead
         ) as columns:

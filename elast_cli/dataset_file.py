@@ -128,18 +128,28 @@ class ImageChunks:
         self._append_blank(lead)
 
     def append(self, images: NDArray[np.uint8]) -> None:
-        """Put images [n, H, W, 3] behind those that are there."""
+        """Put images u8 [n, H, W, 3] behind those that are there. Raises DataError for others."""
+        if images.shape[1:] != self._row_shape or images.dtype != np.uint8:
+            found = f"{images.dtype} {images.shape[1:]}"
+            raise DataError(f"images of {found} behind some of uint8 {self._row_shape}")
         while len(images):
             fitting, images = np.split(images, [CHUNK_ROWS - self._rows % CHUNK_ROWS])
-            same = fitting.strides[0] == 0  # one image that stands for all
-            self._parts += map(self._compress, fitting if same else [fitting])
+            # a compressor takes contiguous parts only; an image that stands for all rows is one
+            parts = fitting if fitting.strides[0] == 0 else [fitting]
+            self._parts += [self._compress(np.ascontiguousarray(part)) for part in parts]
             self._rows += len(fitting)
             if self._rows % CHUNK_ROWS == 0:
                 self._end_chunk()
 
     def write(self, column: h5py.Dataset) -> None:
-        """Put all of them, the lead among them, into a new column of as many rows; once."""
-        if self._rows < CHUNK_ROWS:
+        """Put all of them, the lead among them, into a new column of as many rows; once.
+
+        Raises:
+            DataError: the column has another number of rows.
+        """
+        if self._rows != len(column):
+            raise DataError(f"{self._rows} images for a column of {len(column)} rows")
+        if self._rows < CHUNK_ROWS:  # a chunk is not longer than its column
             self._end_chunk()
         else:
             self._append_blank(-self._rows % CHUNK_ROWS)

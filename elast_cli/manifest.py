@@ -45,7 +45,10 @@ RefText = Annotated[str, StringConstraints(pattern=rf"^{_REF.pattern}$")]
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 JsonDict = dict[str, JsonValue]
 
-_LIBRARIES = ("torch", "numpy", "scipy", "h5py", "gymnasium", "pymunk", "safetensors", "pydantic")
+_LIBRARIES = (
+    *("torch", "numpy", "scipy", "h5py", "isal", "gymnasium", "pymunk", "safetensors"),
+    "pydantic",
+)
 
 
 @dataclass(frozen=True, order=True)

@@ -59,11 +59,15 @@ MAX_GENERATIONS = 32
 
 @dataclass(frozen=True)
 class LineageNode:
-    """An artifact, the role it plays for its child ("" at the root), and its own parents."""
+    """An artifact, the role it plays for its child ("" at the root), and its own parents.
+
+    `lost`: it does not exist; then its parents are not known.
+    """
 
     ref: Ref
     role: str
     parents: tuple[LineageNode, ...]
+    lost: bool = False
 
 
 class Store:
@@ -196,12 +200,13 @@ class Store:
                 self._check_member(node.ref, digest, name, entry, again=True)
         return self.manifest(ref)
 
-    def lineage(self, ref: Ref) -> LineageNode:
+    def lineage(self, ref: Ref, *, allow_lost: bool = False) -> LineageNode:
         """The artifact and its ancestors, each with the digest that its child recorded.
 
         Raises:
             MissingInputError: there is no such artifact.
-            DataError: a parent is missing, another one than recorded, or its own ancestor.
+            DataError: a parent is another one than recorded, its own ancestor, or missing and that
+                is not allowed.
         """
         parents: dict[Ref, tuple[LineageNode, ...]] = {}
 
@@ -212,6 +217,9 @@ class Store:
                     parent_ref = Ref.parse(parent.ref)
                     if parent_ref in path or len(path) > MAX_GENERATIONS:
                         raise DataError(f"{child}: its {role} {parent_ref} closes a cycle")
+                    if allow_lost and not self.path(parent_ref).exists():
+                        found.append(LineageNode(parent_ref, role, (), lost=True))
+                        continue
                     self._check_parent(child, role, parent_ref, parent.digest)
                     found.append(
                         LineageNode(parent_ref, role, visit(parent_ref, (*path, parent_ref)))

@@ -115,6 +115,33 @@ def test_a_dataset_is_its_episodes_end_to_end(tmp_path: Path, context: bool) -> 
         assert data.context is None
 
 
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (replace(episode(1, 3), context=None), "has rows"),
+        (replace(episode(1, 3), context=np.zeros((4, 4, 3), np.uint8)), "has rows"),
+        (replace(episode(1, 3), context=np.zeros((8, 8, 3), np.float32)), "float32"),
+        (replace(episode(1, 3), state=np.zeros((4, 9), np.float32)), "has rows"),
+    ],
+)
+def test_episodes_that_do_not_go_together_are_refused(
+    tmp_path: Path, other: Episode, words: str
+) -> None:
+    with pytest.raises(DataError, match=words):
+        write_shard(tmp_path / "shard.h5", [episode(0, 3, context=True), other])
+    with pytest.raises(DataError, match="no episodes"):
+        write_shard(tmp_path / "shard.h5", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_images_need_not_lie_in_one_piece(tmp_path: Path) -> None:
+    one = episode(0, 5)
+    turned = replace(one, pixels=np.asfortranarray(one.pixels))
+    write_shard(tmp_path / "shard.h5", [turned])
+    read = dataset_file.read(tmp_path / "shard.h5").arrays
+    np.testing.assert_array_equal(read["pixels"], one.pixels)
+
+
 def test_the_same_shards_make_the_same_bytes(tmp_path: Path) -> None:
     shards = write_all(tmp_path, [episode(index, steps) for index, steps in enumerate(STEPS)])
     for name in ("one.h5", "two.h5"):

@@ -293,6 +293,26 @@ def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
     assert "4 episodes are there already" in notes.said[0]
 
 
+def test_shards_that_were_cut_otherwise_are_collected_anew(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, whole = dataset_of(replace(job, store=Store(tmp_path / "whole")))
+    with monkeypatch.context() as patch:
+        patch.setattr(collect, "SHARD_ROWS", 22)  # two episodes
+        patch.setattr(collect, "compact", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            dataset_of(job)
+    notes = Notes()
+    monkeypatch.setattr(collect, "SHARD_ROWS", 33)
+    _, resumed = dataset_of(replace(job, progress=notes))
+    assert resumed == whole
+    assert not notes.said
+
+
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_damaged_episodes_are_named_and_fresh_forgets_them(job: Job) -> None:
     step = collect.step(replace(job, fresh=True))
     with job.store.begin(step.recipe, parents={}) as run:

@@ -24,6 +24,7 @@ from elast_cli.config import dump_yaml, parse_yaml
 from elast_cli.dataset import Episode, column_digests, compact, shard_path, write_shard
 from elast_cli.errors import BusyError, DataError, MissingInputError, StorageError, UsageError
 from elast_cli.manifest import MANIFEST, MANIFEST_DIGEST
+from elast_cli.stages.inspect import description
 from elast_cli.store import Recipe, Ref, Store
 
 EPISODES = 2
@@ -328,6 +329,10 @@ def test_a_replaced_or_removed_parent_breaks_the_lineage(store: Store) -> None:
     shutil.rmtree(store.path(data))
     with pytest.raises(DataError, match="no longer exists"):
         store.verify(encoder)
+    shown = description(store, str(encoder))
+    assert [(node["ref"], node["lost"]) for node in shown["lineage"]["parents"]] == [
+        (str(data), True)
+    ]
 
 
 json_values = st.recursive(

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from elast_cli.config import StrictModel
 from elast_cli.dataset import Episode
-from elast_cli.errors import UsageError
+from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
 Frame = NDArray[np.uint8]
@@ -221,6 +221,23 @@ class ElastEnv(gymnasium.Env[Frame, Vector]):
         if self.context is not None:
             info["context"] = self.context
         return info
+
+
+class Draws:
+    """Counts random draws in search of something, so that no search goes on for ever."""
+
+    def __init__(self, what: str, most: int = 100_000) -> None:
+        """Remember what is looked for, and how many draws are made at most."""
+        self._what, self._most, self._made = what, most, 0
+
+    def count(self) -> None:
+        """Another draw begins. Raises ConfigError: it is one too many."""
+        self._made += 1
+        if self._made > self._most:
+            raise ConfigError(
+                f"no {self._what} in {self._most:,} random draws: the configuration of the "
+                "environment leaves no room for one (--set env.*, or the preset's env section)"
+            )
 
 
 class RandomPolicyConfig(StrictModel):

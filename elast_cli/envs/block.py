@@ -15,11 +15,12 @@ from typing import ClassVar
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.envs import picture
 from elast_cli.envs.base import (
+    Draws,
     ElastEnv,
     Frame,
     Level,
@@ -33,6 +34,7 @@ from elast_cli.envs.shortest import Lattice, Rect, lattice
 _STREAM = (150.0, 198.0, 232.0)
 _BLOCK = (222.0, 60.0, 34.0)
 _STARTS_PER_GOAL = 64
+_LAYOUT_CELL = 0.01  # lengths of changing walls are multiples of it, in workspace widths
 AGAINST_TOLERANCE = 0.02  # workspace widths; a true step in the stream leads 0.03 down it or more
 
 
@@ -139,7 +141,9 @@ class Block(ElastEnv):
         """A random scenario of a level, its shortest steps inside the level's bounds."""
         rules = self.level(level)
         least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
+        draws = Draws("scenario of that level", most=1000)
         while True:
+            draws.count()
             goal, region = self._draw_goal(level, rng)
             layout = self._layout.copy()
             field = self.lattice.field(goal, self.success_radius)
@@ -176,7 +180,9 @@ class Block(ElastEnv):
         return self._free_place(self.config.ends[goal_end], rng), self.config.ends[1 - goal_end]
 
     def _free_place(self, region: Rect, rng: np.random.Generator) -> Vector:
+        draws = Draws("free place for the block")
         while True:
+            draws.count()
             place = rng.uniform(region[:2], region[2:]).astype(np.float32)
             if not any(a < place[0] < c and b < place[1] < d for a, b, c, d in self._grown):
                 return place
@@ -316,6 +322,18 @@ class BlockParamConfig(BlockConfig):
     lane: float = Field(0.2, gt=0, description="least height of the three lanes between walls")
     stub: float = Field(0.06, gt=0, description="least length of a wall's two parts")
 
+    @model_validator(mode="after")
+    def _fits(self) -> BlockParamConfig:
+        for name in ("thickness", "gap", "lane", "stub"):
+            cells = np.atleast_1d(getattr(self, name)) / _LAYOUT_CELL
+            if (np.abs(cells - np.round(cells)) > 1e-6).any() or (np.diff(cells) < 0).any():
+                raise ValueError(f"{name}: multiples of {_LAYOUT_CELL}, the least first")
+        if 2 * self.thickness[1] + 3 * self.lane > 1:
+            raise ValueError("two walls of the greatest thickness and three lanes exceed the world")
+        if 2 * self.stub + self.gap[1] > 1:
+            raise ValueError("the greatest gap and two stubs exceed the world")
+        return self
+
 
 class BlockParam(Block):
     """BlockParam: two walls across the world, their places and gaps drawn anew (Sec. 5.1).
@@ -324,7 +342,7 @@ class BlockParam(Block):
     `standard`, leads through both gaps, from the lower end of the world to the upper or back.
     """
 
-    _cell: ClassVar[float] = 0.01
+    _cell: ClassVar[float] = _LAYOUT_CELL
     _changing_walls: ClassVar[int] = 4
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 44, 16, 40, "through the gaps of two walls, up or down"),

@@ -15,11 +15,12 @@ from typing import ClassVar
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.envs import picture
 from elast_cli.envs.base import (
+    Draws,
     ElastEnv,
     Frame,
     Level,
@@ -170,7 +171,9 @@ class Cable(ElastEnv):
         """
         margin = self.config.radius + _CLEARANCE
         along = np.linspace(0, np.pi, SEGMENTS)
+        draws = Draws("free shape for the cable")
         while True:
+            draws.count()
             weights = rng.normal(0, 0.1, 4) / np.arange(1, 5)
             bends = sum(weight * np.cos(m * along) for m, weight in enumerate(weights))
             angles = rng.uniform(-np.pi, np.pi) + np.cumsum(
@@ -187,7 +190,9 @@ class Cable(ElastEnv):
         """Start and goal drawn independently, again if they are less than `apart` apart."""
         rules = self.level(level)
         self._draw_walls(rng)
+        draws = Draws("start and goal so far apart", most=1000)
         while True:
+            draws.count()
             start, goal = self._settled(rng), self._settled(rng)
             if self.distance(start, goal) >= self.config.apart:
                 return Scenario(start, goal, rules.name, index, seed, self._layout.copy())
@@ -277,6 +282,16 @@ class CableParamConfig(CableConfig):
     thickness: tuple[float, float] = Field((0.04, 0.06), description="least and greatest, of walls")
     reach: tuple[float, float] = Field((0.45, 0.65), description="least and greatest length")
     lane: float = Field(0.24, gt=0, description="least width of the three lanes between walls")
+
+    @model_validator(mode="after")
+    def _fits(self) -> CableParamConfig:
+        for name in ("thickness", "reach"):
+            least, most = getattr(self, name)
+            if not 0 < least <= most < 1:
+                raise ValueError(f"{name}: two lengths between 0 and 1, the least first")
+        if 2 * self.thickness[1] + 3 * self.lane > 1:
+            raise ValueError("two walls of the greatest thickness and three lanes exceed the world")
+        return self
 
 
 class CableParam(Cable):

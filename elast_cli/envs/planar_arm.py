@@ -15,11 +15,11 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.envs import picture
-from elast_cli.envs.base import ElastEnv, Frame, Level, Scenario, Vector
+from elast_cli.envs.base import Draws, ElastEnv, Frame, Level, Scenario, Vector
 from elast_cli.envs.shortest import Grid
 
 Floats = NDArray[np.float64]
@@ -45,6 +45,22 @@ class PlanarArmConfig(StrictModel):
     spacing: float = Field(0.1, ge=0, description="least gap between obstacles")
     cell: float = Field(0.04, gt=0, description="rad, of the grid of shortest steps")
     substeps: int = Field(10, ge=1, description="parts of a step")
+
+    @model_validator(mode="after")
+    def _fits(self) -> PlanarArmConfig:
+        least, most = self.obstacle_radius
+        if not 0 < least <= most:
+            raise ValueError(f"obstacle_radius {self.obstacle_radius}: least above greatest")
+        if self.lengths[0] + self.radius + _SPARE + 2 * most > 0.5:
+            raise ValueError("obstacles do not fit between the first link's reach and the border")
+        for name, angle in (
+            ("displacement", self.displacement),
+            ("twice the limit", 2 * self.limit),
+        ):
+            cells = angle / self.cell
+            if round(cells) < 1 or abs(cells - round(cells)) > 1e-6:
+                raise ValueError(f"{name}: {angle} rad is no whole number of cells of {self.cell}")
+        return self
 
 
 class PlanarArm(ElastEnv):
@@ -146,7 +162,9 @@ class PlanarArm(ElastEnv):
         config = self.config
         within = config.lengths[0] + config.radius + _SPARE
         placed: list[Floats] = []
+        draws = Draws("place for another obstacle", most=10_000)
         while len(placed) < OBSTACLES:
+            draws.count()
             radius = rng.uniform(*config.obstacle_radius)
             away, towards = rng.uniform(within + radius, 0.5 - radius), rng.uniform(0, 2 * np.pi)
             centre = _BASE + away * np.array([np.cos(towards), np.sin(towards)])
@@ -161,7 +179,9 @@ class PlanarArm(ElastEnv):
         """A random scenario of a level, in a layout of its own, its shortest steps in bounds."""
         rules = self.level(level)
         least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
+        draws = Draws("scenario of that level", most=1000)
         while True:
+            draws.count()
             goal, layout = self.sample_start(rng)
             self.set_state(goal, layout)
             grid = self.grid()
@@ -213,7 +233,9 @@ class PlanarArm(ElastEnv):
 
     def _free_angles(self, rng: np.random.Generator, obstacles: Floats) -> Vector:
         limit = self.config.limit
+        draws = Draws("free posture of the arm")
         while True:
+            draws.count()
             angles = rng.uniform(-limit, limit, 2).astype(np.float32)
             if not _collides(
                 float(angles[0]), float(angles[1]), self._lengths, self.config.radius, obstacles
@@ -225,7 +247,10 @@ class PlanarArm(ElastEnv):
 def _collides(
     first: float, second: float, lengths: Floats, radius: float, obstacles: Floats
 ) -> bool:
-    """Whether the second link meets an obstacle [M, 3]; none is in reach of the first."""
+    """Whether the second link meets an obstacle [M, 3]; none is in reach of the first.
+
+    The base is the middle of the world, `_BASE`.
+    """
     ax = 0.5 + lengths[0] * np.cos(first)
     ay = 0.5 + lengths[0] * np.sin(first)
     ux = lengths[1] * np.cos(first + second)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import elast_cli
 from elast_cli.dataset import compact, shard_path, write_shard
-from elast_cli.dataset_file import CHUNK_ROWS
+from elast_cli.dataset_file import CHUNK_ROWS, read_head
 from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, make, spec
 from elast_cli.errors import DataError
 from elast_cli.manifest import JsonDict
@@ -60,7 +60,7 @@ def _collect(job: DataJob, run: Run) -> JsonDict:
         )
         for episodes in _shares(collect.episodes, collect.episode_steps + 1)
     ]
-    missing = [shard for shard in shards if not shard.path.exists()]
+    missing = [shard for shard in shards if not _is_there(shard)]
     there = collect.episodes - sum(len(shard.episodes) for shard in missing)
     if there:
         job.progress.note(f"collect: {there} episodes are there already")
@@ -88,14 +88,22 @@ def _collect(job: DataJob, run: Run) -> JsonDict:
 def _shares(episodes: int, rows: int) -> list[range]:
     """Episodes of each shard, the same for any number of workers; an episode has `rows` rows.
 
-    Shards of so many episodes that they end where a chunk of images ends, if these are not too
-    many: nothing has to be compressed again when they are put together.
+    If a shard of at most 2 * SHARD_ROWS rows can end where a chunk of images ends, it does: then
+    nothing has to be compressed again when shards are put together.
     """
     size = max(SHARD_ROWS // rows, 1)
     even = CHUNK_ROWS // math.gcd(rows, CHUNK_ROWS)
     if even * rows <= 2 * SHARD_ROWS:
         size = even * max(round(size / even), 1)
     return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
+
+
+def _is_there(shard: _Shard) -> bool:
+    """Whether a shard was collected before; one that is damaged was, which `compact` says."""
+    try:
+        return shard.path.exists() and len(read_head(shard.path).lengths) == len(shard.episodes)
+    except DataError:
+        return True
 
 
 def _collect_shard(shard: _Shard) -> int:

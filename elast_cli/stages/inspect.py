@@ -72,7 +72,7 @@ def description(store: Store, text: str) -> JsonDict:
         "ref": text,
         "path": str(store.path(ref)),
         "digest": store.digest(ref),
-        "lineage": _lineage(store.lineage(ref)),
+        "lineage": _lineage(store.lineage(ref, allow_lost=True)),
         **manifest.model_dump(mode="json", include={"recipe", "files", "metrics", "provenance"}),
     }
 
@@ -81,6 +81,7 @@ def _lineage(node: LineageNode) -> JsonDict:
     return {
         "ref": str(node.ref),
         "role": node.role,
+        "lost": node.lost,
         "parents": [_lineage(parent) for parent in node.parents],
     }
 
@@ -115,7 +116,8 @@ def _tree(node: Mapping[str, Any]) -> Tree:
 
     def grow(tree: Tree, node: Mapping[str, Any]) -> Tree:
         for parent in node["parents"]:
-            grow(tree.add(Text(f"{parent['role']}: {parent['ref']}")), parent)
+            lost = ", which is not here" if parent["lost"] else ""
+            grow(tree.add(Text(f"{parent['role']}: {parent['ref']}{lost}")), parent)
         return tree
 
     return grow(Tree(Text(node["ref"])), node)

@@ -27,6 +27,7 @@ from elast_cli.envs import (
     spec,
 )
 from elast_cli.errors import ConfigError, UsageError
+from elast_cli.manifest import JsonDict
 from elast_cli.seeding import generator
 
 DOCS = Path(__file__).parents[2] / "docs" / "environments.md"
@@ -423,3 +424,17 @@ def test_a_kept_action_stays_close_and_inside_the_box() -> None:
     wild = RandomPolicy(3, RandomPolicyConfig(keep=1.0, noise=9.0))
     wild.reset(rng)
     assert max(np.abs(wild.act(rng)).max() for _ in range(50)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("env", "settings", "words"),
+    [
+        ("block-s", {"half_size": 0.3}, "no free place for the block"),
+        ("planar-arm", {"spacing": 0.9}, "no place for another obstacle"),
+    ],
+)
+def test_a_world_without_room_is_an_error_and_no_endless_search(
+    env: str, settings: JsonDict, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        make(env, settings).sample_start(np.random.default_rng(0))
