@@ -157,6 +157,7 @@ def _in_cells(rects: Sequence[Rect], low: float, cell: float) -> Floats:
 
 @njit(cache=True)
 def _inside(x: float, y: float, walls: Floats) -> bool:
+    """Whether a place in cells lies inside one of the walls [M, 4], edges excluded."""
     for i in range(walls.shape[0]):
         if walls[i, 0] < x < walls[i, 2] and walls[i, 1] < y < walls[i, 3]:
             return True
@@ -204,6 +205,7 @@ def _clear(x0: int, y0: int, x1: int, y1: int, walls: Floats) -> bool:
 
 @njit(cache=True)
 def _free_cells(walls: Floats, size: int) -> NDArray[np.uint8]:
+    """Which cells lie in no wall [M, 4]: u8 [size, size], y by rows."""
     free = np.zeros((size, size), dtype=np.uint8)
     for y in range(size):
         for x in range(size):
@@ -221,6 +223,10 @@ def _moves(
     least: NDArray[np.int64],
     most: NDArray[np.int64],
 ) -> NDArray[np.uint8]:
+    """Moves of a `Lattice`: u8 [size, size, DY, DX], displacements from `least` to `most` [2].
+
+    Walls and stream [M, 4], reach and drift [2] are in cells.
+    """
     span_x, span_y = most - least + 1
     into = np.zeros((size, size, span_y, span_x), dtype=np.uint8)
     for y in range(size):
@@ -246,6 +252,7 @@ def _moves(
 def _moves_between(free: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     """Moves of a `Grid`: where a displacement leads that is made in parts of half a cell.
 
+    Cells u8 [n, n] to moves u8 [n, n, D, D], D = 2 reach + 1, as in `Moves`.
     A part that would end in a cell that is not free is made on the first axis alone, then on the
     second, or not at all.
     """

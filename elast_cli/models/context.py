@@ -20,17 +20,17 @@ _SMALLEST = 4  # side of the innermost feature maps
 class ContextConfig(StrictModel):
     """Shape of the autoencoder; the paper says only that it is convolutional."""
 
-    latent_size: int = Field(default=16, gt=0, le=256)
+    latent_size: int = Field(default=16, gt=0, le=256, description="numbers in a context vector")
     channels: int = Field(default=16, gt=0, le=256, description="of the first layer")
-    pool: Literal[1, 2, 4] = 2
+    pool: Literal[1, 2, 4] = Field(default=2, description="pixels averaged on each axis, before")
 
 
 class ContextAutoencoder(PooledImages):
     """Context image [64,64,3] -> code [C] -> image; standardised codes are the context vectors.
 
-    Strided convolutions (kernel 4, stride 2, doubling channels) down to 4 x 4, and back. Reading
-    the mean image and one global scale off the data makes the squared error of a prediction by the
-    mean image 1.
+    Strided convolutions (kernel 4, stride 2, doubling channels) from S x S, S = 64 / pool, down to
+    4 x 4, and back. Images are normalised by the mean image and one deviation for all pixels, so
+    that who always answers with the mean image has a mean squared error of 1.
     """
 
     code_mean: Tensor
