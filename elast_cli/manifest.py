@@ -46,7 +46,14 @@ Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 JsonDict = dict[str, JsonValue]
 
 _LIBRARIES = (
-    *("torch", "numpy", "scipy", "h5py", "isal", "gymnasium", "pymunk", "safetensors"),
+    "torch",
+    "numpy",
+    "scipy",
+    "h5py",
+    "zlib-ng",
+    "gymnasium",
+    "pymunk",
+    "safetensors",
     "pydantic",
 )
 

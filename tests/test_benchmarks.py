@@ -212,12 +212,11 @@ def test_every_measurement_runs_on_models_that_it_trains_itself(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_collection_is_measured(tmp_path: Path) -> None:
-    whole, later = collection.figures(Bench(TINY, home=tmp_path))
-    assert whole.ratio is not None
-    assert whole.ratio > 0
-    assert (
-        whole.facts["bare loop, frames/s a process"] == later.facts["bare loop, frames/s a process"]
-    )
+    figures = collection.figures(Bench(TINY, home=tmp_path))
+    assert len(figures) == 2
+    for figure in figures:
+        assert figure.ratio is not None
+        assert figure.ratio > 0
 
 
 def test_rrt_star_is_measured_where_it_is_installed(tmp_path: Path) -> None:

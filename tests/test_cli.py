@@ -183,7 +183,11 @@ def test_verify_names_the_changed_file_and_exits_65(
             ["collect", "--env", "planar-arm", "--set", "env.obstacle_radius=[0.3,0.4]"],
             ["do not fit"],
         ),
-        (78, ["collect", "--env", "planar-arm", "--set", "env.limit=2.75"], ["whole number"]),
+        (
+            78,
+            ["collect", "--env", "planar-arm", "--set", "env.limit=2.75"],
+            ["twice the limit", "multiple"],
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_an_exit_code(

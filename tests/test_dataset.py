@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -132,6 +134,28 @@ def test_episodes_that_do_not_go_together_are_refused(
     with pytest.raises(DataError, match="no episodes"):
         write_shard(tmp_path / "shard.h5", [])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_equal_images_are_compressed_equally_in_every_process(tmp_path: Path) -> None:
+    program = """
+import os, random, sys
+from pathlib import Path
+import numpy as np
+from elast_cli.dataset import Episode, write_shard
+junk = [os.urandom(random.randint(1_000, 400_000)) for _ in range(40)]  # what memory held before
+del junk
+rng = np.random.default_rng(0)
+frames = np.full((9_600, 64, 64, 3), 240, np.uint8)
+for frame, (x, y) in zip(frames, rng.integers(0, 56, (len(frames), 2))):
+    frame[y : y + 8, x : x + 8] = rng.integers(0, 256, (8, 8, 3))
+action = np.zeros((len(frames), 1), np.float32)
+action[-1] = np.nan
+write_shard(Path(sys.argv[1]), [Episode(frames, action, action * 0 + 1, None, 0)])
+"""
+    files = [tmp_path / f"{number}.h5" for number in range(3)]
+    for file in files:
+        subprocess.run([sys.executable, "-c", program, str(file)], check=True)
+    assert len({file.read_bytes() for file in files}) == 1
 
 
 def test_images_need_not_lie_in_one_piece(tmp_path: Path) -> None:

@@ -28,7 +28,14 @@ from elast_cli.envs.base import (
     Vector,
     empty_layout,
 )
-from elast_cli.envs.layouts import layout_of, rects_of, whole_cells
+from elast_cli.envs.layouts import (
+    check_cells,
+    check_lanes,
+    check_range,
+    layout_of,
+    rects_of,
+    whole_cells,
+)
 from elast_cli.envs.shortest import Lattice, Rect, lattice
 
 _STREAM = (150.0, 198.0, 232.0)
@@ -324,12 +331,10 @@ class BlockParamConfig(BlockConfig):
 
     @model_validator(mode="after")
     def _fits(self) -> BlockParamConfig:
+        check_lanes(self.thickness, self.lane)
+        check_range("gap", self.gap)
         for name in ("thickness", "gap", "lane", "stub"):
-            cells = np.atleast_1d(getattr(self, name)) / _LAYOUT_CELL
-            if (np.abs(cells - np.round(cells)) > 1e-6).any() or (np.diff(cells) < 0).any():
-                raise ValueError(f"{name}: multiples of {_LAYOUT_CELL}, the least first")
-        if 2 * self.thickness[1] + 3 * self.lane > 1:
-            raise ValueError("two walls of the greatest thickness and three lanes exceed the world")
+            check_cells(name, np.ravel(getattr(self, name)), _LAYOUT_CELL)
         if 2 * self.stub + self.gap[1] > 1:
             raise ValueError("the greatest gap and two stubs exceed the world")
         return self

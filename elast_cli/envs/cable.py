@@ -30,7 +30,7 @@ from elast_cli.envs.base import (
     Vector,
     empty_layout,
 )
-from elast_cli.envs.layouts import layout_of, rects_of
+from elast_cli.envs.layouts import check_lanes, check_range, layout_of, rects_of
 from elast_cli.envs.shortest import Rect
 
 SEGMENTS = 16
@@ -285,12 +285,10 @@ class CableParamConfig(CableConfig):
 
     @model_validator(mode="after")
     def _fits(self) -> CableParamConfig:
-        for name in ("thickness", "reach"):
-            least, most = getattr(self, name)
-            if not 0 < least <= most < 1:
-                raise ValueError(f"{name}: two lengths between 0 and 1, the least first")
-        if 2 * self.thickness[1] + 3 * self.lane > 1:
-            raise ValueError("two walls of the greatest thickness and three lanes exceed the world")
+        check_lanes(self.thickness, self.lane)
+        check_range("reach", self.reach)
+        if self.reach[1] >= 1:
+            raise ValueError(f"reach: {self.reach}: a wall right across the world leaves no way")
         return self
 
 

@@ -20,6 +20,7 @@ from pydantic import Field, model_validator
 from elast_cli.config import StrictModel
 from elast_cli.envs import picture
 from elast_cli.envs.base import Draws, ElastEnv, Frame, Level, Scenario, Vector
+from elast_cli.envs.layouts import check_cells, check_range
 from elast_cli.envs.shortest import Grid
 
 Floats = NDArray[np.float64]
@@ -48,18 +49,11 @@ class PlanarArmConfig(StrictModel):
 
     @model_validator(mode="after")
     def _fits(self) -> PlanarArmConfig:
-        least, most = self.obstacle_radius
-        if not 0 < least <= most:
-            raise ValueError(f"obstacle_radius {self.obstacle_radius}: least above greatest")
-        if self.lengths[0] + self.radius + _SPARE + 2 * most > 0.5:
+        check_range("obstacle_radius", self.obstacle_radius)
+        if self.lengths[0] + self.radius + _SPARE + 2 * self.obstacle_radius[1] > 0.5:
             raise ValueError("obstacles do not fit between the first link's reach and the border")
-        for name, angle in (
-            ("displacement", self.displacement),
-            ("twice the limit", 2 * self.limit),
-        ):
-            cells = angle / self.cell
-            if round(cells) < 1 or abs(cells - round(cells)) > 1e-6:
-                raise ValueError(f"{name}: {angle} rad is no whole number of cells of {self.cell}")
+        check_cells("displacement", [self.displacement], self.cell)
+        check_cells("twice the limit", [2 * self.limit], self.cell)
         return self
 
 

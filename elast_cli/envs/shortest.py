@@ -86,11 +86,11 @@ class Lattice(Moves):
         Raises:
             ConfigError: if a length is not a multiple of the cell.
         """
-        size = _cells(high - low, cell) + 1
-        self.reach = _cells(step, cell)
+        size = count_cells(high - low, cell) + 1
+        self.reach = count_cells(step, cell)
         self.walls = _in_cells(walls, low, cell)
         self.stream = _in_cells([stream] if stream else [], low, cell)
-        self.drift = np.array([_cells(part, cell) for part in drift], dtype=np.int64)
+        self.drift = np.array([count_cells(part, cell) for part in drift], dtype=np.int64)
         least: NDArray[np.int64] = np.minimum(self.drift, 0) - self.reach
         most = np.maximum(self.drift, 0) + self.reach
         into = _moves(self.walls, size, self.reach, self.stream, self.drift, least, most)
@@ -142,7 +142,8 @@ def lattice(
     return Lattice(walls, low=low, high=high, step=step, cell=cell, stream=stream, drift=drift)
 
 
-def _cells(length: float, cell: float) -> int:
+def count_cells(length: float, cell: float) -> int:
+    """How many cells a length has. Raises ConfigError: no whole number."""
     count = round(length / cell)
     if abs(length / cell - count) > 1e-3:
         raise ConfigError(f"length {length:g} is not a multiple of the lattice cell {cell:g}")
@@ -151,7 +152,7 @@ def _cells(length: float, cell: float) -> int:
 
 def _in_cells(rects: Sequence[Rect], low: float, cell: float) -> Floats:
     """Rectangles [M, 4], counted in cells from `low`."""
-    corners = [[_cells(side - low, cell) for side in rect] for rect in rects]
+    corners = [[count_cells(side - low, cell) for side in rect] for rect in rects]
     return np.array(corners, dtype=np.float64).reshape(-1, 4)
 
 
