@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.document import Figure
 from benchmarks.serial import TorchNetworks, plan_serially
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import tree_planner
+from elast_cli.methods.table import tree_planner
 from elast_cli.planners.base import Query
 
 AIM = 15.0

@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elast_cli.envs import spec
-from elast_cli.plots import METHOD_COLOURS, figure_png
+from elast_cli.envs.registry import spec
+from elast_cli.pictures.canvas import METHOD_COLOURS, figure_png
 
 BUDGETS = (5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000)
 PER_EXPANSION = 6.75  # transitions: five members, and a round trip for every third

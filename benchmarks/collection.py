@@ -20,7 +20,8 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench
-from elast_cli.envs import RandomPolicy, make
+from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.registry import make
 from elast_cli.preset import load
 
 PRESET = "standard"

@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import tree_planner
+from elast_cli.methods.table import tree_planner
 from elast_cli.planners.base import Query
-from elast_cli.planners.elast import ElastPlanner, Search
+from elast_cli.planners.tree.search import ElastPlanner, Search
 
 BATCH, SCENARIOS = 32, 3
 

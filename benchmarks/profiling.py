@@ -8,7 +8,7 @@ import pstats
 import re
 
 from benchmarks.trained import Bench, row
-from elast_cli.methods import tree_planner
+from elast_cli.methods.table import tree_planner
 
 LINES = 18
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import ENV, LEVEL, Bench, row
-from elast_cli.control import Replan, run_episodes
-from elast_cli.envs import make, scenarios, spec
-from elast_cli.methods import METHODS, context_reader, tree_planner
+from elast_cli.control.episodes import run_episodes
+from elast_cli.control.replan import Replan
+from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.methods.table import METHODS, context_reader, tree_planner
 from elast_cli.planners.base import Plan, Planner, Query
 
 

@@ -14,18 +14,19 @@ import torch
 
 from benchmarks.document import ROOT
 from elast_cli import preset
-from elast_cli.dataset import Dataset
-from elast_cli.envs import ENVS, make, scenarios
-from elast_cli.methods import METHODS, Models, load_models
-from elast_cli.models.inference import FrameEncoder
+from elast_cli.data.dataset import Dataset
+from elast_cli.envs.registry import ENVS, make, scenarios
+from elast_cli.inference.frames import FrameEncoder
+from elast_cli.methods.table import METHODS, Models, load_models
 from elast_cli.planners.base import Query
-from elast_cli.planners.elast import TreeConfig
+from elast_cli.planners.tree.search import TreeConfig
 from elast_cli.progress import Progress, Silent
 from elast_cli.shapes import FRAMES
+from elast_cli.stages.chain import make_models
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import Job
-from elast_cli.stages.run import make_models
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import Ref
+from elast_cli.store.store import Store
 
 R = TypeVar("R")
 ENV, LEVEL = "block-s", "hard"

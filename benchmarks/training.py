@@ -15,19 +15,17 @@ from torch import Tensor, nn
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, timed
-from elast_cli.density_training import train_density
-from elast_cli.models.cpc import cpc_loss
-from elast_cli.models.density import nce_loss
+from elast_cli.models.density.net import nce_loss
+from elast_cli.models.density.training import train_density
+from elast_cli.models.encoder.cpc import cpc_loss
+from elast_cli.models.encoder.encode import encode
+from elast_cli.models.encoder.training import train_encoder
+from elast_cli.models.ensemble.training import train_ensemble
+from elast_cli.models.latents import LatentData
+from elast_cli.models.part import Setting
+from elast_cli.models.policy.training import train_policy
 from elast_cli.progress import Advance, Silent
 from elast_cli.shapes import FRAMES
-from elast_cli.training import (
-    LatentData,
-    Setting,
-    encode,
-    train_encoder,
-    train_ensemble,
-    train_policy,
-)
 
 Bare = tuple[nn.Module, Callable[[], Tensor]]
 WARM_UP = 20  # steps that do not count

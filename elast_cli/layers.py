@@ -15,9 +15,10 @@ from pydantic import Field
 
 import elast_cli
 from elast_cli.config import StrictModel, parse_yaml, read_yaml, suggestion, validate
-from elast_cli.envs import RandomPolicyConfig, spec
+from elast_cli.envs.random_policy import RandomPolicyConfig
+from elast_cli.envs.registry import spec
 from elast_cli.errors import ConfigError, UsageError
-from elast_cli.manifest import JsonDict
+from elast_cli.store.manifest import JsonDict
 
 DEFAULT = "standard"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}", re.ASCII)

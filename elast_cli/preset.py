@@ -8,13 +8,15 @@ from typing import Literal
 from pydantic import Field
 
 from elast_cli.config import StrictModel
-from elast_cli.context_training import ContextStage
-from elast_cli.control import ControlConfig
-from elast_cli.density_training import DensityStage
+from elast_cli.control.base import ControlConfig
 from elast_cli.layers import DataSections, merged
+from elast_cli.models.context.training import ContextStage
+from elast_cli.models.density.training import DensityStage
+from elast_cli.models.encoder.training import EncoderStage
+from elast_cli.models.ensemble.training import EnsembleStage
+from elast_cli.models.policy.training import PolicyStage
 from elast_cli.planners.cem import CemConfig
-from elast_cli.planners.elast import TreeConfig
-from elast_cli.training import EncoderStage, EnsembleStage, PolicyStage
+from elast_cli.planners.tree.search import TreeConfig
 
 
 class EvalConfig(StrictModel):

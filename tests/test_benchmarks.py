@@ -14,9 +14,9 @@ from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
-from elast_cli.envs import spec
+from elast_cli.envs.registry import spec
 from elast_cli.planners.base import Limits, Plan, Query, Radii
-from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner, Search, TreeConfig
 from elast_cli.shapes import Float32
 
 LIMITS = Limits(min_log_density=-0.5, max_round_trip=1e-3)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elast_cli.envs import make, scenarios
-from elast_cli.methods import load_models
-from elast_cli.models.inference import FrameEncoder
+from elast_cli.envs.registry import make, scenarios
+from elast_cli.inference.frames import FrameEncoder
+from elast_cli.methods.table import load_models
 from elast_cli.shapes import FRAMES
-from elast_cli.store import Store
+from elast_cli.store.store import Store
 
 HOME = Path(__file__).parents[1] / "docs" / "results" / "models"
 TASKS = sorted(path.name for path in (HOME / "artifacts").glob("[!.]*"))

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from elast_cli.config import StrictModel, dump_yaml, parse_yaml, read_yaml, validate
-from elast_cli.dataset import Dataset
+from elast_cli.data.dataset import Dataset
 from elast_cli.errors import ConfigError, DataError
-from elast_cli.manifest import MANIFEST, MANIFEST_DIGEST
-from elast_cli.store import Recipe, Ref, Store
+from elast_cli.store.manifest import MANIFEST, MANIFEST_DIGEST, Recipe, Ref
+from elast_cli.store.store import Store
 
 SECRET = b"the other file's bytes"
 

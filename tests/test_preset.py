@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli import layers, preset
-from elast_cli.envs import ENVS
+from elast_cli.envs.registry import ENVS
 from elast_cli.errors import ConfigError, UsageError
 
 

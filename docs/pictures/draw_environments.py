@@ -12,7 +12,9 @@ import numpy as np
 from PIL import Image
 
 from elast_cli import preset
-from elast_cli.envs import ENVS, EnvSpec, RandomPolicy, collect_episode, make, scenarios
+from elast_cli.control.collection import collect_episode
+from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.registry import ENVS, EnvSpec, make, scenarios
 
 SCALE, GAP = 2, 4
 

@@ -4,70 +4,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, ClassVar, SupportsFloat
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
 from elast_cli.config import StrictModel
-from elast_cli.dataset import Episode
+from elast_cli.envs.scenario import Frame, Level, Scenario, Vector
 from elast_cli.errors import ConfigError, UsageError
-from elast_cli.seeding import generator
-
-Frame = NDArray[np.uint8]
-Vector = NDArray[np.float32]
 
 FRAME_SIZE = 64
-
-
-def empty_layout() -> Vector:
-    """The layout of an environment whose obstacles never change: f32 [0]."""
-    return np.zeros(0, dtype=np.float32)
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """One evaluation task. States and layout are in the environment's own units.
-
-    Attributes:
-        start: state at step 0, f32 [S]; never within the success radius of the goal.
-        goal: state to reach, f32 [S].
-        level: the level whose rules it obeys.
-        index: which scenario of its seed.
-        seed: the scenario seed.
-        layout: obstacles of this scenario, f32 [L]; L = 0 where they never change.
-        shortest: least number of steps to the success region, None where it cannot be computed.
-    """
-
-    start: Vector
-    goal: Vector
-    level: str
-    index: int
-    seed: int
-    layout: Vector = field(default_factory=empty_layout)
-    shortest: int | None = None
-
-
-@dataclass(frozen=True)
-class Level:
-    """A difficulty of an environment.
-
-    Attributes:
-        name: the word given to `--level`.
-        max_steps: steps an episode may take.
-        min_shortest: least shortest number of steps of its scenarios, None where not computable.
-        max_shortest: greatest shortest number of steps of its scenarios, None likewise.
-        about: one line for people.
-    """
-
-    name: str
-    max_steps: int
-    min_shortest: int | None
-    max_shortest: int | None
-    about: str
 
 
 class ElastEnv(gymnasium.Env[Frame, Vector]):
@@ -238,57 +184,3 @@ class Draws:
                 f"no {self._what} in {self._most:,} random draws: the configuration of the "
                 "environment leaves no room for one (--set env.*, or the preset's env section)"
             )
-
-
-class RandomPolicyConfig(StrictModel):
-    """How random actions are drawn: long enough in one direction to cover ground."""
-
-    keep: float = Field(0.7, ge=0, le=1, description="chance that the last action is kept")
-    noise: float = Field(0.2, ge=0, description="standard deviation added to a kept action")
-
-
-class RandomPolicy:
-    """The collection policy: an action is kept with noise, or drawn anew from the whole box."""
-
-    def __init__(self, action_size: int, config: RandomPolicyConfig | None = None) -> None:
-        """Remember the action's size A and the configuration; call `reset` before `act`."""
-        self.action_size = action_size
-        self.config = config or RandomPolicyConfig()
-        self._action = np.zeros(action_size)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode with a fresh action."""
-        self._action = rng.uniform(-1.0, 1.0, self.action_size)
-
-    def act(self, rng: np.random.Generator) -> Vector:
-        """The next action, f32 [A] in [-1, 1]."""
-        if rng.random() < self.config.keep:
-            kept = self._action + self.config.noise * rng.standard_normal(self.action_size)
-            self._action = np.minimum(np.maximum(kept, -1.0), 1.0)  # np.clip takes thrice as long
-        else:
-            self._action = rng.uniform(-1.0, 1.0, self.action_size)
-        return self._action.astype(np.float32)
-
-
-def collect_episode(
-    env: ElastEnv, *, seed: int, index: int, length: int, policy: RandomPolicy
-) -> Episode:
-    """Episode `index` of a random collection: a function of (seed, index, length, configs) alone.
-
-    Returns:
-        pixels u8 [T+1, 64, 64, 3], action f32 [T+1, A] whose last row is NaN, state f32 [T+1, S],
-        with T = length; context is the environment's raw image or None.
-    """
-    rng = generator("collect", seed, index)
-    start, layout = env.sample_start(rng)
-    env.set_state(start, layout)
-    policy.reset(rng)
-    pixels = np.empty((length + 1, FRAME_SIZE, FRAME_SIZE, 3), dtype=np.uint8)
-    action = np.full((length + 1, env.action_size), np.nan, dtype=np.float32)
-    state = np.empty((length + 1, len(env.state_names)), dtype=np.float32)
-    pixels[0], state[0] = env.frame(), env.state
-    for t in range(length):
-        action[t] = policy.act(rng)
-        env.advance(action[t])
-        pixels[t + 1], state[t + 1] = env.frame(), env.state
-    return Episode(pixels=pixels, action=action, state=state, context=env.context, seed_index=index)

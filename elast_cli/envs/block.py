@@ -18,17 +18,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
-from elast_cli.envs import picture
-from elast_cli.envs.base import (
-    Draws,
-    ElastEnv,
-    Frame,
-    Level,
-    Scenario,
-    Vector,
-    empty_layout,
-)
-from elast_cli.envs.layouts import (
+from elast_cli.envs.base import Draws, ElastEnv
+from elast_cli.envs.flat import raster
+from elast_cli.envs.flat.rectangles import (
     check_cells,
     check_lanes,
     check_range,
@@ -36,7 +28,8 @@ from elast_cli.envs.layouts import (
     rects_of,
     whole_cells,
 )
-from elast_cli.envs.shortest import Lattice, Rect, lattice
+from elast_cli.envs.flat.shortest_path import Lattice, Rect, lattice
+from elast_cli.envs.scenario import Frame, Level, Scenario, Vector, empty_layout
 
 _STREAM = (150.0, 198.0, 232.0)
 _BLOCK = (222.0, 60.0, 34.0)
@@ -126,7 +119,7 @@ class Block(ElastEnv):
         x, y = self._body.position
         size = self.config.half_size
         image = self._background[0].copy()
-        rows, columns, patch = picture.rectangle(
+        rows, columns, patch = raster.rectangle(
             self._background[1], (x - size, y - size, x + size, y + size), _BLOCK
         )
         image[rows, columns] = patch
@@ -221,7 +214,7 @@ class Block(ElastEnv):
 
     def _paint(self) -> NDArray[np.float64]:
         """The empty world, f64 [64, 64, 3]."""
-        return picture.empty(self._walls)
+        return raster.empty(self._walls)
 
     def _obstacles(self, body: pymunk.Body) -> list[pymunk.Poly]:
         """Walls, and a border round the workspace thicker than any step."""
@@ -305,12 +298,12 @@ class BlockAsym(Block):
         return self._free_place(self.config.ends[1], rng), self.config.ends[0]
 
     def _paint(self) -> NDArray[np.float64]:
-        image = picture.empty(())
+        image = raster.empty(())
         for rect, colour in (
             (self._asym.stream, _STREAM),
-            *((wall, picture.WALL) for wall in self._walls),
+            *((wall, raster.WALL) for wall in self._walls),
         ):
-            rows, columns, patch = picture.rectangle(image, rect, colour)
+            rows, columns, patch = raster.rectangle(image, rect, colour)
             image[rows, columns] = patch
         return image
 

@@ -18,20 +18,12 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
-from elast_cli.envs import picture
-from elast_cli.envs.base import (
-    Draws,
-    ElastEnv,
-    Frame,
-    Level,
-    RandomPolicy,
-    RandomPolicyConfig,
-    Scenario,
-    Vector,
-    empty_layout,
-)
-from elast_cli.envs.layouts import check_lanes, check_range, layout_of, rects_of
-from elast_cli.envs.shortest import Rect
+from elast_cli.envs.base import Draws, ElastEnv
+from elast_cli.envs.flat import raster
+from elast_cli.envs.flat.rectangles import check_lanes, check_range, layout_of, rects_of
+from elast_cli.envs.flat.shortest_path import Rect
+from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
+from elast_cli.envs.scenario import Frame, Level, Scenario, Vector, empty_layout
 
 SEGMENTS = 16
 _COLOURS = np.array([(240.0, 150.0, 40.0), (30.0, 90.0, 200.0), (222.0, 40.0, 34.0)])
@@ -149,9 +141,7 @@ class Cable(ElastEnv):
     def frame(self) -> Frame:
         """Anti-aliased view from above, u8 [64, 64, 3]; row 0 is the top (y = 1)."""
         radius = self.config.radius
-        drawn: Frame = picture.chain(
-            self._background, self._nodes, radius, _HEAD * radius, _COLOURS
-        )
+        drawn: Frame = raster.chain(self._background, self._nodes, radius, _HEAD * radius, _COLOURS)
         return drawn
 
     def distance(self, state: Vector, goal: Vector) -> float:
@@ -231,7 +221,7 @@ class Cable(ElastEnv):
     def _lay(self, walls: tuple[Rect, ...], layout: Vector) -> None:
         """Take these walls, which `layout` stands for."""
         self._walls, self._layout = walls, layout
-        self._background = picture.empty(walls)
+        self._background = raster.empty(walls)
 
     def _segment(self, x: float, y: float, angle: float) -> pymunk.Body:
         half = self._part / 2

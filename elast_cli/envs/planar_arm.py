@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
-from elast_cli.envs import picture
-from elast_cli.envs.base import Draws, ElastEnv, Frame, Level, Scenario, Vector
-from elast_cli.envs.layouts import check_cells, check_range
-from elast_cli.envs.shortest import Grid
+from elast_cli.envs.base import Draws, ElastEnv
+from elast_cli.envs.flat import raster
+from elast_cli.envs.flat.rectangles import check_cells, check_range
+from elast_cli.envs.flat.shortest_path import Grid
+from elast_cli.envs.scenario import Frame, Level, Scenario, Vector
 
 Floats = NDArray[np.float64]
 
@@ -105,9 +106,9 @@ class PlanarArm(ElastEnv):
             self._layout = np.array(layout, dtype=np.float32)
             self._obstacles = self._layout.astype(np.float64).reshape(OBSTACLES, 3)
             ends = np.tile(self._obstacles[:, :2], 2)
-            colours = np.tile(np.array(picture.WALL), (OBSTACLES, 1))
-            self._background = picture.capsules(
-                picture.empty(()), ends, self._obstacles[:, 2].copy(), colours
+            colours = np.tile(np.array(raster.WALL), (OBSTACLES, 1))
+            self._background = raster.capsules(
+                raster.empty(()), ends, self._obstacles[:, 2].copy(), colours
             )
             self._context: Frame = np.round(self._background).astype(np.uint8)
 
@@ -131,7 +132,7 @@ class PlanarArm(ElastEnv):
         radius = self.config.radius
         parts = np.array([[*_BASE, *elbow], [*elbow, *tip], [*_BASE, *_BASE]])
         radii = np.array([radius, radius, _BASE_DISC * radius])
-        image = picture.capsules(self._background, parts, radii, _COLOURS)
+        image = raster.capsules(self._background, parts, radii, _COLOURS)
         return np.round(image).astype(np.uint8)
 
     def ends(self, angles: NDArray[np.floating]) -> Floats:

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elast_cli.planners import reuse, tree
 from elast_cli.planners.base import Plan, Query, World
-from elast_cli.planners.elast import ElastPlanner
-from elast_cli.planners.tree import Forest
+from elast_cli.planners.tree import forest as tree
+from elast_cli.planners.tree import reuse
+from elast_cli.planners.tree.forest import Forest
+from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.shapes import Float32, Float64
 
 Step = Callable[[Float32, Float32], Float32]  # z [M,Z], a [M,A] -> z' [M,Z], row by row

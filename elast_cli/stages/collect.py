@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import elast_cli
-from elast_cli.dataset import compact, shard_path, write_shard
-from elast_cli.dataset_file import CHUNK_ROWS, read_head
-from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, make, spec
+from elast_cli.control.collection import collect_episode
+from elast_cli.data.chunks import CHUNK_ROWS
+from elast_cli.data.layout import read_head
+from elast_cli.data.shards import compact, shard_path, write_shard
+from elast_cli.engine.local import each
+from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
+from elast_cli.envs.registry import make, spec
 from elast_cli.errors import DataError
-from elast_cli.manifest import JsonDict
-from elast_cli.publish import Run
 from elast_cli.stages.job import DataJob, Step
-from elast_cli.stages.workers import each
+from elast_cli.store.manifest import JsonDict
+from elast_cli.store.run import Run
 
 ALGORITHM_VERSION = 1
 DATASET_FILE = "dataset.h5"

@@ -13,21 +13,23 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import ValidationError
 
-from elast_cli.envs import Scenario, make, scenarios, spec
-from elast_cli.manifest import JsonDict
-from elast_cli.methods import method_named
+from elast_cli.engine.local import each
+from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.scenario import Scenario
+from elast_cli.evaluation.rows import EpisodeRow
+from elast_cli.files import whole_file
+from elast_cli.methods.table import method_named
 from elast_cli.progress import Silent
-from elast_cli.publish import Run, whole_file
-from elast_cli.report import EpisodeRow
 from elast_cli.seeding import derived_seed
 from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
+from elast_cli.stages.report import write_results
 from elast_cli.stages.resolve import resolve
-from elast_cli.stages.results import write_results
-from elast_cli.stages.workers import each
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.run import Run
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.control import Trace
+    from elast_cli.control.episodes import Trace
 
 ALGORITHM_VERSION = 10
 
@@ -128,8 +130,8 @@ def _chunks(
 
 def _run_chunk(chunk: _Chunk) -> int:
     """Number of episodes run and written; an episode is the same whoever it runs beside."""
-    from elast_cli.control import run_episodes
-    from elast_cli.methods import context_reader, controller
+    from elast_cli.control.episodes import run_episodes
+    from elast_cli.methods.table import context_reader, controller
 
     job = chunk.job
     limit_threads(job.threads)
@@ -216,7 +218,7 @@ def _write_frames(folder: Path, scenario: Scenario, trace: Trace) -> None:
 
 def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None:
     """A film strip and an animation of the first success and of the first failure."""
-    from elast_cli.plots import animation, film_strip
+    from elast_cli.pictures.film import animation, film_strip
 
     left = {True: "success", False: "failure"}
     for row in rows:

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elast_cli.comparison import Comparison, compare
 from elast_cli.errors import DataError, MissingInputError, UsageError
-from elast_cli.manifest import JsonDict
-from elast_cli.report import EpisodeRow, parse_results
-from elast_cli.store import LineageNode, Ref, Store
+from elast_cli.evaluation.comparison import Comparison, compare
+from elast_cli.evaluation.rows import EpisodeRow
+from elast_cli.evaluation.summary import parse_results
+from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.store import LineageNode, Store
 
 if TYPE_CHECKING:
     from rich.console import Group

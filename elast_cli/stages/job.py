@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.layers import DEFAULT, DataSections
-from elast_cli.manifest import JsonDict
 from elast_cli.progress import Progress, Silent
-from elast_cli.publish import Run
-from elast_cli.store import Recipe, Ref, Store
+from elast_cli.store.manifest import JsonDict, Recipe, Ref
+from elast_cli.store.run import Run
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.methods import Method
-    from elast_cli.preset import Preset  # imports torch, which collecting does without
+    from elast_cli.methods.table import Method
+    from elast_cli.preset import Preset
 
 
 @dataclass(frozen=True)

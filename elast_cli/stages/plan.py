@@ -8,21 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elast_cli.envs import Scenario, make, scenarios, spec
+from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.scenario import Scenario
 from elast_cli.errors import UsageError
-from elast_cli.manifest import JsonDict
-from elast_cli.methods import METHODS, Method, context_of, load_models, method_named
-from elast_cli.publish import Run
+from elast_cli.methods.table import METHODS, Method, context_of, load_models, method_named
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.evaluate import plan_seed, verify_files
 from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
 from elast_cli.stages.resolve import resolve
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.run import Run
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.explain import Explanation
+    from elast_cli.methods.explain import Explanation
 
 ALGORITHM_VERSION = 8
 PLAN_FILE = "plan.json"
@@ -73,9 +74,9 @@ def _tree_method(name: str) -> Method:
 def _plan(
     job: Job, method: Method, level: str, index: int, inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
-    from elast_cli.control import background_of
-    from elast_cli.explain import explain_plan
-    from elast_cli.models.inference import FrameEncoder
+    from elast_cli.control.episodes import background_of
+    from elast_cli.inference.frames import FrameEncoder
+    from elast_cli.methods.explain import explain_plan
     from elast_cli.planners.base import Query
 
     limit_threads(job.threads)
@@ -144,9 +145,9 @@ def _draw(
     run: Run,
 ) -> None:
     """The tree and the path in the plane, beside the nearest data frames along the path."""
-    from elast_cli.dataset import Dataset
-    from elast_cli.plan_plot import PlanPicture, plan_figure
-    from elast_cli.projection import project_2d
+    from elast_cli.data.dataset import Dataset
+    from elast_cli.pictures.plan import PlanPicture, plan_figure
+    from elast_cli.pictures.projection import project_2d
 
     pixels = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE)).pixels
     every = np.concatenate([plan.latents, support, ends])

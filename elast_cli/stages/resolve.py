@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from elast_cli.envs import ElastEnv, spec
+from elast_cli.envs.base import ElastEnv
+from elast_cli.envs.registry import spec
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.stages.job import Job
-from elast_cli.store import Manifest, Ref
+from elast_cli.store.manifest import Manifest, Ref
 
 MAKERS: Mapping[str, str] = {
     "dataset": "collect",

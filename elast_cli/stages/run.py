@@ -1,98 +1,208 @@
-"""`elast run`: the whole chain, skipping what is there."""
+"""`elast eval` and `elast run`: methods by training seeds into one report an environment."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
-from elast_cli.manifest import JsonDict
-from elast_cli.stages import collect, train
-from elast_cli.stages.job import Job, Step
-from elast_cli.stages.resolve import ROLES, needs, present
-from elast_cli.stages.workers import each, relayed
-from elast_cli.store import Ref
+from elast_cli.config import suggestion
+from elast_cli.envs.registry import spec
+from elast_cli.errors import MissingInputError, RequirementError, UsageError
+from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
+from elast_cli.evaluation.rows import Cell, EpisodeRow
+from elast_cli.evaluation.summary import results_document, summarize
+from elast_cli.methods.table import method_named
+from elast_cli.progress import Silent
+from elast_cli.stages import evaluate
+from elast_cli.stages.chain import make_models, planned_models
+from elast_cli.stages.inspect import episode_rows
+from elast_cli.stages.job import Job
+from elast_cli.stages.report import report_step, table_text
+from elast_cli.stages.resolve import present, resolve
+from elast_cli.store.manifest import JsonDict, Ref
 
-# what can be made at the same time once all is there that both need
-_BRANCHES = (("ensemble", "policy"), ("density",))
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Methods, levels (None: all of an environment) and training seeds to evaluate."""
+
+    methods: tuple[str, ...]
+    levels: tuple[str, ...] | None
+    seeds: tuple[int, ...]
+    requirements: tuple[Requirement, ...] = ()
+
+    @classmethod
+    def parse(
+        cls, methods: str, levels: str | None, seeds: str | None, seed: int, bounds: Sequence[str]
+    ) -> Benchmark:
+        """What the flags ask for.
+
+        Raises:
+            UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
+        """
+        names = _words(methods, "--methods")
+        for name in names:
+            method_named(name)
+        wanted = _words(seeds, "--seeds") if seeds is not None else (str(seed),)
+        if not all(text.isascii() and text.isdigit() for text in wanted):
+            raise UsageError(f"--seeds {seeds!r}: expected numbers and commas, as in 0,1,2")
+        return cls(
+            names,
+            _words(levels, "--level") if levels is not None else None,
+            tuple(dict.fromkeys(int(text) for text in wanted)),
+            tuple(parse_requirement(text) for text in bounds),
+        )
+
+    def levels_of(self, env: str) -> tuple[str, ...]:
+        """The levels to evaluate of one environment: those asked for that it has."""
+        known = spec(env).levels
+        return tuple(known if self.levels is None else (n for n in self.levels if n in known))
+
+    def having_levels(self, envs: Collection[str]) -> list[str]:
+        """The environments that have something to evaluate.
+
+        Raises:
+            UsageError: an unknown environment, or a level that none of them has.
+        """
+        known = list(dict.fromkeys(level for env in envs for level in spec(env).levels))
+        for name in self.levels or ():
+            if name not in known:
+                hint = suggestion(name, known)
+                raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
+        return [env for env in envs if self.levels_of(env)]
+
+    def roles(self) -> list[str]:
+        """All artifacts that the methods need."""
+        return list(
+            dict.fromkeys(role for name in self.methods for role in method_named(name).needs)
+        )
+
+    def expect(self, envs: Sequence[str]) -> None:
+        """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
+        cells = [
+            Cell(env, level, method)
+            for env in envs
+            for level in self.levels_of(env)
+            for method in self.methods
+        ]
+        expect(self.requirements, cells)
 
 
-def make_models(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
-    """The dataset and learned parts of these roles, and all they need, made where they are missing.
+def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
+    """The jobs whose models are all there; for the others the command that makes them is noted.
 
-    Results are the same for any number of workers.
+    Raises:
+        MissingInputError: there is no such job.
     """
-    needed = _closed(job.env, roles)
-    made: dict[str, Ref] = {}
-    for role in needed:
-        if role in ("dataset", "context", "encoder", *needs(job.env, "density")):
-            made[role] = _step(_after(job, made), role).carry_out()
-    branches = [
-        (_after(job, made), wanted)
-        for branch in _BRANCHES
-        if (wanted := tuple(role for role in branch if role in needed and role not in made))
-    ]
-    parallel = job.workers > 1 and len(branches) > 1 and not _all_made(branches)
-    if not parallel:
-        for branch in branches:
-            made |= _carry_out(branch)
-        return made
-    with relayed(job.progress) as progress:
-        sent = [(replace(branch, progress=progress), wanted) for branch, wanted in branches]
-        for part in each(_carry_out, sent, workers=2):
-            made |= part
-    return made
+    found, missing = [], []
+    for job in jobs:
+        try:
+            for seed in bench.seeds:
+                resolve(replace(job, seed=seed, progress=Silent()), bench.roles())
+            found.append(job)
+        except MissingInputError as error:
+            missing.append(error)
+    if not found:
+        raise missing[0]
+    for reason in missing:
+        found[0].progress.note(f"left out: {reason}")
+    return found
 
 
-def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
-    """What `make_models` would find and make, in order."""
-    there: dict[str, Ref] = {}
+def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
+    """The report of one environment; with `make`, missing data and models are made first."""
+    levels = bench.levels_of(job.env)
+    evaluations: dict[tuple[str, int], Ref] = {}
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        if make:
+            made = make_models(of_seed, bench.roles())
+            of_seed = replace(of_seed, given=made)
+        for method in bench.methods:
+            evaluations[method, seed] = evaluate.step(of_seed, method, levels).carry_out()
+    return report_step(job, evaluations).carry_out()
+
+
+def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
+    """What `evaluate_all` would find and make, in order."""
     rows: list[JsonDict] = []
-    for role in _closed(job.env, roles):
-        ref = None
-        if all(need in there for need in needs(job.env, role)):
-            ref = _step(_after(job, there), role).published()
-        if ref:
-            there[role] = ref
-        rows.append({"env": job.env, "kind": role, "seed": job.seed, "published": _text(ref)})
+    evaluations: dict[tuple[str, int], Ref] = {}
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        if make:
+            models = planned_models(of_seed, bench.roles())
+            rows += models
+            refs = {str(row["kind"]): row["published"] for row in models if row["published"]}
+            of_seed = replace(of_seed, given={kind: Ref.parse(str(r)) for kind, r in refs.items()})
+        for method in bench.methods:
+            ref, needs = None, present(job.env, method_named(method).needs)
+            if not make or all(role in of_seed.given for role in needs):
+                ref = evaluate.step(of_seed, method, bench.levels_of(job.env)).published()
+            if ref:
+                evaluations[method, seed] = ref
+            rows.append(_planned_row(of_seed, f"eval {method}", ref))
+    every = len(evaluations) == len(bench.methods) * len(bench.seeds)
+    report = report_step(job, evaluations).published() if every else None
+    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", report))
     return rows
 
 
-def _text(ref: Ref | None) -> str | None:
-    return str(ref) if ref else None
+def _planned_row(job: Job, kind: str, ref: Ref | None) -> JsonDict:
+    published = str(ref) if ref else None
+    return {"env": job.env, "kind": kind, "seed": job.seed, "published": published}
 
 
-def _closed(env: str, roles: Sequence[str]) -> list[str]:
-    """These roles and all they need, in the order in which they are made."""
-    needed = set(present(env, roles))
-    for role in reversed(ROLES):
-        if role in needed:
-            needed |= set(needs(env, role))
-    return [role for role in ROLES if role in needed]
+def planned_text(rows: Sequence[JsonDict]) -> str:
+    """A dry run for people."""
+    lines = []
+    for row in rows:
+        state = f"there: {row['published']}" if row["published"] else "to make"
+        lines.append(f"{row['env']}  seed {row['seed']}  {row['kind']!s:<16} {state}")
+    return "\n".join(lines)
 
 
-def _after(job: Job, made: dict[str, Ref]) -> Job:
-    """The job with exactly these inputs, whatever else fits."""
-    return replace(job, given=dict(made))
+@dataclass(frozen=True)
+class Outcome:
+    """Reports of some environments, read together."""
+
+    rows: list[EpisodeRow]
+    lineage: JsonDict
+    folders: dict[str, str]
+
+    @classmethod
+    def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:
+        """The episodes of all reports."""
+        store = job.store
+        rows = [row for ref in reports for row in episode_rows(store, ref)]
+        lineage: JsonDict = {
+            str(ref): {role: parent.ref for role, parent in store.manifest(ref).parents.items()}
+            for ref in reports
+        }
+        return cls(rows, lineage, {str(ref): str(store.path(ref)) for ref in reports})
+
+    def document(self, bench: Benchmark) -> JsonDict:
+        """The results JSON."""
+        settings = {"methods": bench.methods, "seeds": bench.seeds, "reports": self.folders}
+        return results_document(self.rows, self.lineage, settings)
+
+    def text(self) -> str:
+        """The table, and where the pictures are."""
+        where = [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
+        return "\n".join([table_text(summarize(self.rows)), *where])
+
+    def require(self, bench: Benchmark) -> None:
+        """Raise RequirementError if a bound is missed."""
+        if not bench.requirements:
+            return
+        verdicts = check(bench.requirements, summarize(self.rows))
+        missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]
+        if missed:
+            raise RequirementError(f"missed: {'; '.join(missed)}")
 
 
-def _step(job: Job, role: str) -> Step:
-    return collect.step(job) if role == "dataset" else train.step(job, role)
-
-
-def _carry_out(branch: tuple[Job, tuple[str, ...]]) -> dict[str, Ref]:
-    """The artifacts of one branch, one after the other."""
-    job, roles = branch
-    made: dict[str, Ref] = {}
-    for role in roles:
-        made[role] = _step(_after(job, {**job.given, **made}), role).carry_out()
-    return made
-
-
-def _all_made(branches: Sequence[tuple[Job, tuple[str, ...]]]) -> bool:
-    """Whether nothing is left to do, so that no process need be started."""
-    return all(
-        row["published"]
-        for job, roles in branches
-        for row in planned_models(job, roles)
-        if row["kind"] in roles
-    )
+def _words(text: str, flag: str) -> tuple[str, ...]:
+    """The comma-separated words of a flag, each once."""
+    words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError(f"{flag} {text!r}: expected one or more names, separated by commas")
+    return words

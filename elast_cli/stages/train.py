@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING
 
 from elast_cli.config import StrictModel
 from elast_cli.errors import DataError
-from elast_cli.fit import write_metrics
-from elast_cli.manifest import JsonDict
+from elast_cli.models.fit import write_metrics
 from elast_cli.preset import Preset
-from elast_cli.publish import Run
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import Job, Step, limit_threads
 from elast_cli.stages.resolve import has_context, needs, refuse_without_context, resolve
-from elast_cli.store import Ref
+from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.run import Run
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from elast_cli.dataset import Dataset
-    from elast_cli.models.dynamics import DynamicsEnsemble
-    from elast_cli.training import LatentData, Setting, Trained
+    from elast_cli.data.dataset import Dataset
+    from elast_cli.models.ensemble.net import DynamicsEnsemble
+    from elast_cli.models.latents import LatentData
+    from elast_cli.models.part import Setting, Trained
 
 ALGORITHM_VERSION = 1
 CONTEXT_PICTURE = "reconstructions.png"
@@ -61,7 +61,7 @@ def load(job: Job, kind: str, ref: Ref) -> nn.Module:
     Raises:
         DataError: a file was changed, or is no model of that kind.
     """
-    from elast_cli.models.io import load_model
+    from elast_cli.models.files import load_model
 
     for name in job.store.manifest(ref).files:
         job.store.file(ref, name)
@@ -71,9 +71,9 @@ def load(job: Job, kind: str, ref: Ref) -> nn.Module:
 def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict:
     import torch
 
-    from elast_cli.dataset import Dataset
-    from elast_cli.models.io import save_model
-    from elast_cli.training import Setting
+    from elast_cli.data.dataset import Dataset
+    from elast_cli.models.files import save_model
+    from elast_cli.models.part import Setting
 
     began, cpu = time.monotonic(), time.process_time()
     limit_threads(job.threads)
@@ -111,7 +111,7 @@ def _context(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Set
     """Context vector of each episode [E,C]; C = 0 where the environment has none."""
     import torch
 
-    from elast_cli.models.context import ContextAutoencoder, context_vectors
+    from elast_cli.models.context.net import ContextAutoencoder, context_vectors
 
     if dataset.context is None:
         return torch.zeros(dataset.episodes, 0)
@@ -122,8 +122,8 @@ def _context(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Set
 
 def _draw_contexts(module: nn.Module, dataset: Dataset, setting: Setting, path: Path) -> None:
     """A few held-out context images above what the autoencoder makes of them."""
-    from elast_cli.models.context import ContextAutoencoder, reconstructions
-    from elast_cli.plots import reconstruction_strip
+    from elast_cli.models.context.net import ContextAutoencoder, reconstructions
+    from elast_cli.pictures.film import reconstruction_strip
 
     assert isinstance(module, ContextAutoencoder)
     assert dataset.context is not None
@@ -159,7 +159,7 @@ _Trainer = Callable[[Job, Mapping[str, Ref], "Dataset", "Setting"], "Trained"]
 def _context_images(
     job: Job, _inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting
 ) -> Trained:
-    from elast_cli.context_training import train_context
+    from elast_cli.models.context.training import train_context
 
     assert dataset.context is not None
     split = dataset.split(setting.validation_share, setting.seed)
@@ -167,21 +167,21 @@ def _context_images(
 
 
 def _encoder(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_encoder
+    from elast_cli.models.encoder.training import train_encoder
 
     context = _context(job, inputs, dataset, setting)
     return train_encoder(dataset, context, job.config.encoder, setting)
 
 
 def _ensemble(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_ensemble
+    from elast_cli.models.ensemble.training import train_ensemble
 
     data = _encoded(job, inputs, dataset, setting)
     return train_ensemble(data, job.config.ensemble, setting)
 
 
 def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.density_training import train_density
+    from elast_cli.models.density.training import train_density
 
     data = _encoded(job, inputs, dataset, setting)
     dynamics = _dynamics(job, inputs, setting) if "ensemble" in inputs else None
@@ -189,14 +189,14 @@ def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Set
 
 
 def _policy(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_policy
+    from elast_cli.models.policy.training import train_policy
 
     data = _encoded(job, inputs, dataset, setting)
     return train_policy(data, _dynamics(job, inputs, setting), job.config.policy, setting)
 
 
 def _dynamics(job: Job, inputs: Mapping[str, Ref], setting: Setting) -> DynamicsEnsemble:
-    from elast_cli.models.support import SupportedDynamics
+    from elast_cli.models.ensemble.support import SupportedDynamics
 
     model = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
     assert isinstance(model, SupportedDynamics)
@@ -204,8 +204,8 @@ def _dynamics(job: Job, inputs: Mapping[str, Ref], setting: Setting) -> Dynamics
 
 
 def _encoded(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> LatentData:
-    from elast_cli.models.cpc import Representation
-    from elast_cli.training import encode
+    from elast_cli.models.encoder.cpc import Representation
+    from elast_cli.models.encoder.encode import encode
 
     model = load(job, "encoder", inputs["encoder"]).to(setting.device)
     assert isinstance(model, Representation)

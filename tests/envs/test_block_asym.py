@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import scenarios
-from elast_cli.envs.base import empty_layout
 from elast_cli.envs.block import BlockAsym
-from elast_cli.envs.shortest import UNREACHABLE, Lattice
+from elast_cli.envs.flat.shortest_path import UNREACHABLE, Lattice
+from elast_cli.envs.registry import scenarios
+from elast_cli.envs.scenario import empty_layout
 
 STREAM = (150, 198, 232)
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import Scenario, make, scenarios
-from elast_cli.envs.base import empty_layout
 from elast_cli.envs.cable import SEGMENTS, Cable
+from elast_cli.envs.registry import make, scenarios
+from elast_cli.envs.scenario import Scenario, empty_layout
 
 Attempt = tuple[float, list[np.ndarray]]  # least distance to the goal, actions up to there
 

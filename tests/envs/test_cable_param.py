@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import scenarios
 from elast_cli.envs.cable import SEGMENTS, CableParam
-from elast_cli.envs.layouts import layout_of, rects_of
+from elast_cli.envs.flat.rectangles import layout_of, rects_of
+from elast_cli.envs.registry import scenarios
 
 WALL = (52, 58, 70)
 

@@ -13,22 +13,16 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from elast_cli.dataset import Dataset, compact, shard_path, write_shard
-from elast_cli.envs import (
-    ENVS,
-    ElastEnv,
-    EnvSpec,
-    RandomPolicy,
-    RandomPolicyConfig,
-    Scenario,
-    collect_episode,
-    make,
-    scenarios,
-    spec,
-)
+from elast_cli.control.collection import collect_episode
+from elast_cli.data.dataset import Dataset
+from elast_cli.data.shards import compact, shard_path, write_shard
+from elast_cli.envs.base import ElastEnv
+from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
+from elast_cli.envs.registry import ENVS, EnvSpec, make, scenarios, spec
+from elast_cli.envs.scenario import Scenario
 from elast_cli.errors import ConfigError, UsageError
-from elast_cli.manifest import JsonDict
 from elast_cli.seeding import generator
+from elast_cli.store.manifest import JsonDict
 
 DOCS = Path(__file__).parents[2] / "docs" / "environments.md"
 each_env = pytest.mark.parametrize("entry", ENVS.values(), ids=list(ENVS))
@@ -100,8 +94,9 @@ def test_the_id_is_found_through_the_module_name(entry: EnvSpec) -> None:
 @each_env
 def test_a_seed_gives_the_same_bytes_in_another_process(entry: EnvSpec) -> None:
     code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        f"import test_conformance\nprint(test_conformance.rollout_digest({entry.name!r}))"
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r})\n"
+        "from tests.envs import test_conformance\n"
+        f"print(test_conformance.rollout_digest({entry.name!r}))"
     )
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert other.stdout.strip() == rollout_digest(entry.name)

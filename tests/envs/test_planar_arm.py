@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs import Scenario, scenarios
+from elast_cli.envs.flat.shortest_path import UNREACHABLE
 from elast_cli.envs.planar_arm import OBSTACLES, PlanarArm, _collides
-from elast_cli.envs.shortest import UNREACHABLE
+from elast_cli.envs.registry import scenarios
+from elast_cli.envs.scenario import Scenario
 
 FAR = np.array([0.06, 0.06, 0.06, 0.94, 0.06, 0.06, 0.94, 0.94, 0.06], dtype=np.float32)
 

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 import torch
 from scipy.stats import multivariate_normal
-from tiny import ACTION, CONTEXT, LATENT, models
 from torch.nn import functional
 
-from elast_cli.models.cpc import Representation
-from elast_cli.models.dense import DenseNetwork
-from elast_cli.models.density import TransitionDensity
-from elast_cli.models.dynamics import DynamicsEnsemble, EnsembleConfig, ForwardModel, LatentScale
-from elast_cli.models.encoder import Encoder, EncoderConfig
-from elast_cli.models.policy import LocalPolicy
-from elast_cli.models.support import SupportedDynamics
+from elast_cli.inference.dense import DenseNetwork
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.encoder.net import Encoder, EncoderConfig
+from elast_cli.models.ensemble.net import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.nets import ForwardModel, LatentScale
+from elast_cli.models.policy.net import LocalPolicy
+from tests.toys.models import ACTION, CONTEXT, LATENT, models
 
 
 def items(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -8,10 +8,10 @@ import pytest
 import torch
 from pydantic import ValidationError
 from torch import Tensor
-from toy import REACH, only
 
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.cem import CemConfig, CemPlanner
+from tests.toys.box import REACH, only
 
 SMALL: dict[str, Any] = {"horizon": 10, "num_samples": 60, "topk": 10, "n_steps": 6}
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_elast import LIMITS, RADII, worlds
-from toy import REACH, Box, only, problems
 
 from elast_cli.planners import shooting
 from elast_cli.planners.base import Plan, Query
-from elast_cli.planners.elast import ElastPlanner, TreeConfig
 from elast_cli.planners.shooting import ShootingPlanner, Shot, end_slope, refined, shot
+from elast_cli.planners.tree.search import ElastPlanner, TreeConfig
 from elast_cli.shapes import Float32
+from tests.planners.tree.test_search import LIMITS, RADII, worlds
+from tests.toys.box import REACH, Box, only, problems
 
 seeds = st.integers(0, 2**31)
 law = settings(deadline=None, max_examples=20)

@@ -1,0 +1,87 @@
+"""Controllers: from frames to actions, replanning as they go (Sec. 4.4), and the episode loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar
+
+from pydantic import Field
+
+from elast_cli.config import StrictModel
+from elast_cli.control.followers import Route
+from elast_cli.shapes import Bool, Float32, Int64, Uint8
+
+S = TypeVar("S")
+
+
+class ControlConfig(StrictModel):
+    """How a plan is followed; n_replan is not stated in the paper's main text.
+
+    Either π tracks its states, or its actions are played as they stand: that suits plans made by
+    shooting, which are refined again every few steps.
+    """
+
+    follow: Literal["states", "actions"] = "states"
+    replan_every: int = Field(default=20, ge=1)
+    lookahead: int = Field(default=3, ge=1)
+    patience: int = Field(default=2, ge=0)  # steps without moving that make a plan fail; 0: any
+    stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
+
+
+@dataclass(frozen=True)
+class Task:
+    """B episodes.
+
+    Attributes:
+        goal: goal states u8 [B,F,64,64,3].
+        context: context vectors [B,C].
+        seed: of all planning [B].
+        background: context images u8 [B,64,64,3], where the environment shows them.
+    """
+
+    goal: Uint8
+    context: Float32
+    seed: Int64
+    background: Uint8 | None = None
+
+
+class Controller(Protocol[S]):
+    """Every method: planned, reactive or random. State goes in and out."""
+
+    def begin(self, task: Task) -> S:
+        """State before the first step."""
+        ...
+
+    def act(self, state: S, frames: Uint8, running: Bool) -> tuple[Float32, S]:
+        """Actions [B,A] for frames [B,F,64,64,3]; rows that are not running cost nothing."""
+        ...
+
+
+class Estimator(Protocol):
+    """Frames to latents: φ behind a row-independent call."""
+
+    def __call__(self, frames: Uint8, background: Uint8 | None) -> Float32:
+        """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
+        ...
+
+
+class LocalControl(Protocol):
+    """π as a function on arrays."""
+
+    def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
+        """[B,Z], [B,Z], [B,C] -> [B,A]."""
+        ...
+
+
+class Follower(Protocol):
+    """Turns a plan into actions, one step at a time."""
+
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
+        """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
+        ...
+
+    def spent(self, route: Route) -> Bool:
+        """Whose plan has nothing more to say [B]."""
+        ...

@@ -1,0 +1,1 @@
+"""What the flat worlds share: rasters, rectangles, shortest paths."""

@@ -1,0 +1,1 @@
+"""From episodes to tables, comparisons and requirements. Pure."""

@@ -1,0 +1,123 @@
+"""Training of ψ: what is contrasted with what, and where its threshold lies (Sec. 4.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from elast_cli.config import StrictModel
+from elast_cli.models.density.net import DensityConfig, TransitionDensity, nce_loss
+from elast_cli.models.density.noise import Noise, OtherContexts
+from elast_cli.models.ensemble.net import DynamicsEnsemble
+from elast_cli.models.fit import FitConfig
+from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
+from elast_cli.models.part import STAGES, Setting, Trained, seed_torch
+from elast_cli.seeding import generator
+
+FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
+ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs by half of it
+
+
+class DensityStage(StrictModel):
+    """Everything `train-density` needs."""
+
+    net: DensityConfig = DensityConfig()
+    fit: FitConfig = FitConfig(steps=5000, batch_size=512)
+
+
+def train_density(
+    data: LatentData,
+    stage: DensityStage,
+    setting: Setting,
+    ensemble: DynamicsEnsemble | None = None,
+) -> Trained:
+    """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions.
+
+    Where there are contexts, `ensemble` says where steps lead in others.
+    """
+    seed_torch(setting.seed, "density")
+    psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
+    ratio = stage.net.noise_ratio
+    fit_scale(psi.scale, data)
+    noise = _noise(data, psi, setting)
+    others = _other_contexts(data, psi, ensemble)
+
+    def objective(
+        rows: Tensor, rng: np.random.Generator, lent_share: float = 0.0
+    ) -> tuple[Tensor, Tensor]:
+        places = others.lent(rows, lent_share, rng) if others else rows
+        z, _, _, z_next = data.transitions(places)
+        context = data.context[rows]
+        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(places, rng).flatten(0, 1)
+        targets = torch.cat([z_next, targets])
+        if others:
+            elsewhere, there = others.draw(places, rows, rng)
+            sources = torch.cat([sources, elsewhere.flatten(0, 1)])
+            targets = torch.cat([targets, there.flatten(0, 1)])
+        contexts = context.repeat(1 + ratio, 1)
+        is_data = torch.arange(len(sources), device=z.device) < len(z)
+        log_ratio = psi.log_ratio(sources, targets, contexts)
+        zero = torch.zeros_like(log_ratio)
+        correct = ((log_ratio > 0) == is_data).float()
+        accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
+        return nce_loss(log_ratio, zero, is_data, ratio), accuracy
+
+    def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
+        value, accuracy = objective(data.batch(rng, size), rng, stage.net.lent_share)
+        return value, {"balanced_accuracy": accuracy}
+
+    def validate(rows: Tensor) -> dict[str, float]:
+        value, accuracy = objective(rows, generator("train", 0, STAGES["density"]))
+        return {"nce": float(value), "balanced_accuracy": float(accuracy)}
+
+    curve = fit_on_latents(
+        psi, data, loss, validate, name="density", config=stage.fit, setting=setting
+    )
+    with torch.no_grad():
+        z, _, context, z_next = data.transitions(data.val)
+        psi.log_density_quantiles.fit(psi(z, z_next, context))
+    metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
+    return Trained(psi, data.sizes, curve, metrics)
+
+
+def _step_length(data: LatentData, share: float) -> float:
+    """The quantile of the lengths of observed steps, in latent units."""
+    z, _, _, z_next = data.transitions(data.train)
+    return float(np.quantile((z_next - z).norm(dim=1).cpu().numpy(), share))
+
+
+def _other_contexts(
+    data: LatentData, psi: TransitionDensity, ensemble: DynamicsEnsemble | None
+) -> OtherContexts | None:
+    """Noise from other contexts, where there are any and some is asked for."""
+    count = psi.config.elsewhere(data.context.shape[1])
+    if not count:
+        return None
+    if ensemble is None:
+        raise ValueError("noise from other contexts needs the ensemble")
+
+    step = _step_length(data, 0.5)
+    return OtherContexts(
+        data.z,
+        data.action,
+        data.context,
+        data.train,
+        ensemble.by_one_member,
+        margin=FARTHER * step,
+        alike=ALIKE * step,
+        count=count,
+    )
+
+
+def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
+    contexts = data.context.shape[1]
+    return Noise(
+        data.z,
+        data.train,
+        std=psi.noise_std(),
+        ratio=psi.config.noise_ratio - psi.config.elsewhere(contexts),
+        near=psi.config.near(contexts),
+        radius=psi.config.near_radius * _step_length(data, 0.95),
+        rng=generator("train", setting.seed, STAGES["density"]),
+    )

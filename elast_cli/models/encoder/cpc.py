@@ -1,0 +1,101 @@
+"""Contrastive predictive coding: what trains φ together with h_f (Eq. 3, 4)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+from torch.nn import functional
+
+from elast_cli.config import StrictModel
+from elast_cli.models.encoder.isometry import isometry_loss
+from elast_cli.models.encoder.net import Encoder, EncoderConfig
+from elast_cli.models.nets import MAX_WIDTH, ForwardModel, LatentScale, QuantileTable
+
+
+class CpcConfig(StrictModel):
+    """The objective of Eq. 4; k and K_h are not stated in the paper's main text.
+
+    `negatives` are the last states of the batch's other windows, or all states of all windows. The
+    latter differ from the positive by few steps, so that telling them apart asks for fine detail.
+
+    With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
+    close together in latent space, searched for anew every `refresh` steps.
+
+    With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
+    `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
+    apart in these images (`models/isometry.py`).
+    """
+
+    horizon: int = Field(default=3, ge=1, le=20)
+    consistency_weight: float = Field(default=4.0, ge=0)
+    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    still_share: float = Field(default=0.5, ge=0, le=1)
+    negatives: Literal["last", "window"] = "last"
+    lookalikes: int = Field(default=1, ge=1, le=1024)
+    refresh: int = Field(default=250, ge=1)
+    isometry_weight: float = Field(default=0.0, ge=0)
+    isometry_blur: float = Field(default=5.0, gt=0)
+    isometry_reach: float = Field(default=6.0, gt=0)
+
+
+def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
+    """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from predictions [M,Z], states [nM,Z].
+
+    Row i's positive is state i; all others are its negatives.
+    """
+    logits = -torch.cdist(prediction, future).square()
+    return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
+
+
+class Representation(nn.Module):
+    """φ and h_f, trained together, with the statistics of the latents they produce."""
+
+    def __init__(
+        self, encoder: EncoderConfig, cpc: CpcConfig, action_size: int, context_size: int
+    ) -> None:
+        super().__init__()
+        self.cpc = cpc
+        self.encoder = Encoder(encoder)
+        self.dynamics = ForwardModel(
+            encoder.latent_size, action_size, context_size, cpc.dynamics_width
+        )
+        self.scale = LatentScale(encoder.latent_size)
+        self.step_length_quantiles = QuantileTable()
+
+    def step_length(self, probability: float) -> float:
+        """Length in latent units below which a share `probability` of observed steps lies."""
+        return self.step_length_quantiles.at(probability)
+
+
+def cpc_loss(
+    model: Representation, features: Tensor, actions: Tensor, context: Tensor, config: CpcConfig
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Loss of Eq. 4 and its parts.
+
+    Args:
+        model: φ and h_f.
+        features: preprocessed stacks [M, k+1, F, 3, S, S].
+        actions: [M, k, A].
+        context: [M, C].
+        config: k and K_h.
+    """
+    m, steps = features.shape[0], features.shape[1]
+    flat = features.flatten(0, 1)
+    z = model.encoder(flat).unflatten(0, (m, steps))
+    predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
+    for i in range(config.horizon):
+        predicted = model.dynamics(predicted, actions[:, i], context)
+        consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
+    latest_first = z.flip(1).transpose(0, 1).flatten(0, 1)
+    states = latest_first if config.negatives == "window" else z[:, -1]
+    contrast = info_nce(predicted, states)
+    total = contrast + config.consistency_weight * consistency
+    parts = {"info_nce": contrast, "consistency": consistency}
+    if config.isometry_weight:
+        images = model.encoder.normalized(flat[:, -1]).unflatten(0, (m, steps))
+        isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
+        total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
+    return total, parts
