@@ -8,7 +8,6 @@ from typing import Literal, Protocol, TypeVar
 from pydantic import Field
 
 from elast_cli.config import StrictModel
-from elast_cli.control.followers import Route
 from elast_cli.shapes import Bool, Float32, Int64, Uint8
 
 S = TypeVar("S")
@@ -70,18 +69,4 @@ class LocalControl(Protocol):
 
     def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
         """[B,Z], [B,Z], [B,C] -> [B,A]."""
-        ...
-
-
-class Follower(Protocol):
-    """Turns a plan into actions, one step at a time."""
-
-    def act(
-        self, route: Route, z: Float32, goal: Float32, context: Float32
-    ) -> tuple[Float32, Route]:
-        """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
-        ...
-
-    def spent(self, route: Route) -> Bool:
-        """Whose plan has nothing more to say [B]."""
         ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -52,6 +53,20 @@ def _padded(x: Float32, length: int) -> Float32:
         return np.zeros((x.shape[0], length, *x.shape[2:]), x.dtype)
     index = np.minimum(np.arange(length), x.shape[1] - 1)
     return x[:, index]
+
+
+class Follower(Protocol):
+    """Turns a plan into actions, one step at a time."""
+
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
+        """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
+        ...
+
+    def spent(self, route: Route) -> Bool:
+        """Whose plan has nothing more to say [B]."""
+        ...
 
 
 @dataclass(frozen=True)

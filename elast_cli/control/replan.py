@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elast_cli.control.base import Estimator, Follower, Task
-from elast_cli.control.followers import Route
+from elast_cli.control.base import Estimator, Task
+from elast_cli.control.followers import Follower, Route
 from elast_cli.control.plan_log import PlanLog
 from elast_cli.planners.base import Plan, Planner, Query
 from elast_cli.seeding import derived_seed
