@@ -6,7 +6,6 @@ numbers, booleans and null, and nothing else.
 
 from __future__ import annotations
 
-import difflib
 import io
 import json
 import math
@@ -14,12 +13,12 @@ import typing
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent
 
-from elast_cli.errors import ConfigError, ElastError
+from elast_cli.errors import ConfigError, ElastError, suggestion
 from elast_cli.files import one_line, read_regular
 
 MAX_DEPTH = 32
@@ -33,6 +32,7 @@ class StrictModel(BaseModel):
 
 
 Model = TypeVar("Model", bound=BaseModel)
+JsonDict = dict[str, JsonValue]
 
 
 def read_yaml(
@@ -90,9 +90,12 @@ def validate(
     data: object,
     *,
     where: str,
+    at: str = "",
     error: type[ElastError] = ConfigError,
 ) -> Model:
     """`data` (plain, as read from YAML) as a `model`; `where` names its source in errors.
+
+    `at` is the key under which the source has it, if that is not the top.
 
     Raises:
         error: one line with the field, the value and what is allowed.
@@ -104,7 +107,7 @@ def validate(
         details = failure.errors(include_url=False)
         first = details[0]
         loc = tuple(first["loc"])
-        field = ".".join(map(str, loc)) or "top level"
+        field = ".".join(map(str, (at, *loc) if at else loc)) or "top level"
         if first["type"] == "extra_forbidden":
             reason = f"unknown key{_key_hint(model, loc)}"
         elif first["type"] == "missing":
@@ -114,12 +117,6 @@ def validate(
             reason = f"{message}, got {_short(first['input'])}"
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
         raise error(one_line(f"{where}: {field}: {reason}{more}")) from None
-
-
-def suggestion(word: str, choices: typing.Iterable[str]) -> str:
-    """` (did you mean 'x'?)` for the closest choice, or an empty string."""
-    close = difflib.get_close_matches(word, list(choices), n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def _refuse_unsafe(text: str) -> None:

@@ -9,11 +9,13 @@ import dataclasses
 import functools
 import inspect
 import typing
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from typer import Option
+
+from elast_cli.models.parts import CONTEXT, DATASET
 
 Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
@@ -79,44 +81,17 @@ class Fitting:
         return [f"{section}.fit.{key}={value}" for key, value in keys.items() if value is not None]
 
 
-@dataclass(frozen=True)
-class DatasetInput:
-    """The dataset to use."""
+def inputs_of(kinds: Sequence[str]) -> type[Any]:
+    """A record of refs, one flag a kind of artifact: `--dataset`, `--encoder`, ..."""
 
-    dataset: Annotated[
-        str | None, Option(metavar="REF", help="Default: the highest version that fits.")
-    ] = None
+    def flag(kind: str) -> Any:
+        where = "Default: the highest version that fits." if kind == DATASET else "As --dataset."
+        if kind == CONTEXT:
+            where = "As --dataset; only where episodes differ."
+        return Annotated[str | None, Option(metavar="REF", help=where)]
 
-
-@dataclass(frozen=True)
-class ContextInput(DatasetInput):
-    """And the context autoencoder."""
-
-    context: Annotated[
-        str | None, Option(metavar="REF", help="As --dataset; only where episodes differ.")
-    ] = None
-
-
-@dataclass(frozen=True)
-class EncoderInput(ContextInput):
-    """And the encoder."""
-
-    encoder: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
-
-
-@dataclass(frozen=True)
-class EnsembleInput(EncoderInput):
-    """And the ensemble."""
-
-    ensemble: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
-
-
-@dataclass(frozen=True)
-class ModelInputs(EnsembleInput):
-    """And all the rest of what a planner needs."""
-
-    density: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
-    policy: Annotated[str | None, Option(metavar="REF", help="As --dataset.")] = None
+    fields = [(kind, flag(kind), field(default=None)) for kind in kinds]
+    return dataclasses.make_dataclass("Inputs", fields, frozen=True)
 
 
 @dataclass(frozen=True)
@@ -187,8 +162,8 @@ def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., N
         @functools.wraps(command)
         def flagged(**values: Any) -> None:
             for group, name in records.items():
-                fields = [field.name for field in dataclasses.fields(group)]
-                values[name] = group(**{field: values.pop(field) for field in fields})
+                fields = [entry.name for entry in dataclasses.fields(group)]
+                values[name] = group(**{name: values.pop(name) for name in fields})
             command(**values)
 
         # what typer reads in place of the wrapped function's own
@@ -207,10 +182,10 @@ def _flags(group: type[Any]) -> list[inspect.Parameter]:
     hints = typing.get_type_hints(group, include_extras=True)
     return [
         inspect.Parameter(
-            field.name,
+            entry.name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=hints[field.name],
+            default=entry.default,
+            annotation=hints[entry.name],
         )
-        for field in dataclasses.fields(group)
+        for entry in dataclasses.fields(group)
     ]

@@ -1,4 +1,4 @@
-"""Controllers: from frames to actions, replanning as they go (Sec. 4.4), and the episode loop."""
+"""What every controller takes and offers, and the functions of trained models that it calls."""
 
 from __future__ import annotations
 
@@ -33,15 +33,13 @@ class Task:
 
     Attributes:
         goal: goal states u8 [B,F,64,64,3].
-        context: context vectors [B,C].
         seed: of all planning [B].
-        background: context images u8 [B,64,64,3], where the environment shows them.
+        context: context images u8 [B,64,64,3], where the environment shows them.
     """
 
     goal: Uint8
-    context: Float32
     seed: Int64
-    background: Uint8 | None = None
+    context: Uint8 | None = None
 
 
 class Controller(Protocol[S]):
@@ -56,11 +54,26 @@ class Controller(Protocol[S]):
         ...
 
 
-class Estimator(Protocol):
-    """Frames to latents: φ behind a row-independent call."""
+class Estimator(Protocol[S]):
+    """From what is seen and done to latents: φ, or a recurrent filter. State goes in and out."""
 
-    def __call__(self, frames: Uint8, background: Uint8 | None) -> Float32:
-        """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
+    def begin(self, task: Task) -> tuple[Float32, S]:
+        """Latents of the goals [B,Z], and the state before the first step."""
+        ...
+
+    def update(self, state: S, frames: Uint8, last_action: Float32 | None) -> tuple[Float32, S]:
+        """Latents [B,Z] of frames [B,F,64,64,3] that the last action [B,A] led to.
+
+        There is no last action at the first step. A row's latent depends on that row alone.
+        """
+        ...
+
+
+class ContextReader(Protocol):
+    """From context images to context vectors."""
+
+    def __call__(self, images: Uint8 | None, rows: int) -> Float32:
+        """u8 [B,64,64,3] of B = `rows` episodes, if there are any -> [B,C]; C may be 0."""
         ...
 
 

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+from pydantic import Field
 
+from elast_cli.config import StrictModel
 from elast_cli.data.dataset import Episode
 from elast_cli.envs.base import FRAME_SIZE, ElastEnv
-from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
 from elast_cli.seeding import generator
+
+
+class CollectConfig(StrictModel):
+    """How much random interaction, and of what kind."""
+
+    n: int = Field(default=50_000, gt=0, le=100_000_000, description="transitions")
+    episode_steps: int = Field(default=50, gt=0, le=100_000)
+    policy: RandomPolicyConfig = RandomPolicyConfig()
+
+    @property
+    def episodes(self) -> int:
+        """Whole episodes that hold at least `n` transitions."""
+        return -(-self.n // self.episode_steps)
 
 
 def collect_episode(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -62,14 +62,12 @@ def run_episodes(
     *,
     max_steps: int,
     seeds: Int64,
-    context: Callable[[Sequence[Mapping[str, Any]]], Float32],
     keep_frames: bool = False,
 ) -> list[Trace]:
     """Run one episode a scenario, all side by side, each to the end of its budget.
 
     Success is being within the radius at any step. From then on a row no longer counts as running:
     the controller acts on, without new plans, and only whether it holds the goal is of interest.
-    `context` makes the context vectors [B,C], constant in an episode, of what every reset told.
     """
     first = [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
     told = [info for _, info in first]
@@ -79,7 +77,7 @@ def run_episodes(
     steps: list[int | None] = [None] * len(envs)
     held = [False] * len(envs)
     resting = np.repeat(goals[:, None], FRAMES, axis=1)
-    task = Task(resting, context(told), seeds, background_of(told))
+    task = Task(resting, seeds, context_images(told))
     state = controller.begin(task)
     for t in range(max_steps):
         running = np.array([done is None for done in steps])
@@ -113,7 +111,7 @@ def run_episodes(
     ]
 
 
-def background_of(infos: Sequence[Mapping[str, Any]]) -> Uint8 | None:
+def context_images(infos: Sequence[Mapping[str, Any]]) -> Uint8 | None:
     """Context images u8 [B,64,64,3] of what `reset` told of B episodes, if it shows them."""
     images = [info["context"] for info in infos if "context" in info]
     return np.stack(images) if images else None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from elast_cli.control.base import Estimator, Task
+from elast_cli.control.base import ContextReader, Estimator, Task
 from elast_cli.control.followers import Follower, Route
 from elast_cli.control.plan_log import PlanLog
 from elast_cli.planners.base import Plan, Planner, Query
@@ -20,9 +21,13 @@ class Following:
     """State of `Replan`.
 
     Attributes:
-        task: the task, and its goals in latent space [B,Z].
+        task: the task.
+        goal: its goals in latent space [B,Z].
+        context: context vectors [B,C].
+        estimate: the estimator's own.
         route: the plans being followed.
         z: latents at the step before [B,Z].
+        action: what was done there [B,A]; None before the first step.
         age: steps since each row's last plan [B].
         stalled: steps in a row without moving [B].
         log: what planning cost and found.
@@ -32,8 +37,11 @@ class Following:
 
     task: Task
     goal: Float32
+    context: Float32
+    estimate: Any
     route: Route | None
     z: Float32
+    action: Float32 | None
     age: Int64
     stalled: Int64
     log: PlanLog
@@ -51,7 +59,8 @@ class Replan:
     may double the cost of that plan. A row whose plan has nothing more to say plans again, too.
     """
 
-    estimator: Estimator
+    estimator: Estimator[Any]
+    contexts: ContextReader
     planner: Planner
     follower: Follower
     every: int
@@ -59,27 +68,41 @@ class Replan:
     stall_distance: float = 0.0
 
     def begin(self, task: Task) -> Following:
-        """Encode the goals."""
-        goal = self.estimator(task.goal, task.background)
+        """Encode the goals and the contexts."""
+        goal, estimate = self.estimator.begin(task)
         rows = len(goal)
+        context = self.contexts(task.context, rows)
         zero = np.zeros(rows, np.int64)
         none = np.zeros((0, 2, goal.shape[1]), np.float32)
         log = PlanLog.empty(rows)
-        return Following(task, goal, None, goal, zero, zero, log, (None,) * rows, (none,) * rows)
+        return Following(
+            task=task,
+            goal=goal,
+            context=context,
+            estimate=estimate,
+            route=None,
+            z=goal,
+            action=None,
+            age=zero,
+            stalled=zero,
+            log=log,
+            memory=(None,) * rows,
+            failed=(none,) * rows,
+        )
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
         """Encode, replan where it is due, and follow."""
-        z = self.estimator(frames, state.task.background)
-        state = self._noticed(state, z, running)
+        z, estimate = self.estimator.update(state.estimate, frames, state.action)
+        state = self._noticed(replace(state, estimate=estimate), z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))
         if state.route is not None:
             due |= running & self.follower.spent(state.route)
         if due.any():
             state = self._replanned(state, z, np.flatnonzero(due))
         assert state.route is not None  # the first step plans
-        action, route = self.follower.act(state.route, z, state.goal, state.task.context)
-        state = replace(state, route=route, z=z, age=state.age + 1)
-        return np.clip(action, -1, 1).astype(np.float32), state
+        action, route = self.follower.act(state.route, z, state.goal, state.context)
+        action = np.clip(action, -1, 1).astype(np.float32)
+        return action, replace(state, route=route, z=z, action=action, age=state.age + 1)
 
     def _stuck(self, state: Following) -> Bool:
         stuck: Bool = state.stalled >= (self.patience or np.inf)
@@ -117,7 +140,7 @@ class Replan:
         query = Query(
             start=z[rows],
             goal=state.goal[rows],
-            context=task.context[rows],
+            context=state.context[rows],
             seed=np.array(seeds),
             left=None if state.route is None else state.route.actions_left()[rows],
             memory=[memory[b] for b in rows],

@@ -6,8 +6,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
@@ -16,6 +16,7 @@ from elast_cli.errors import UnavailableError
 
 T = TypeVar("T")
 R = TypeVar("R")
+K = TypeVar("K", bound=Hashable)
 MOST_DEATHS = 5  # pools lost before giving up
 SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
 
@@ -43,7 +44,75 @@ def each(task: Callable[[T], R], items: Sequence[T], *, workers: int) -> Iterato
             return
         except BrokenProcessPool:
             continue
-    raise UnavailableError(
+    raise _killed()
+
+
+def graph(
+    needs: Mapping[K, Collection[K]],
+    item: Callable[[K], T],
+    task: Callable[[T], R],
+    *,
+    workers: int,
+) -> Iterator[tuple[K, R]]:
+    """`task(item(key))` of every key, as they complete; a key's turn comes after all its needs.
+
+    The caller has the results of a key's needs when `item` is called for it. While only one key can
+    be worked on, that is done in this process; at other times in `workers` processes. A key whose
+    worker was killed is given to another one, so tasks must bear a repetition.
+
+    Args:
+        needs: the keys, in the order of preference, and what each waits for; needs that are no keys
+            count as done.
+        item: what a task is given, asked for when its turn comes.
+        task: sent to workers, with its item.
+        workers: most processes at a time.
+
+    Raises:
+        UnavailableError: workers keep being killed.
+        ValueError: keys wait for one another.
+    """
+    left = dict(needs)
+    deaths = 0
+    while left:
+        ready = [key for key in left if not any(need in left for need in left[key])]
+        if not ready:
+            raise ValueError(f"these wait for one another: {', '.join(map(str, left))}")
+        if len(ready) == 1 or workers == 1:
+            result = task(item(ready[0]))
+            del left[ready[0]]
+            yield ready[0], result
+            continue
+        try:
+            yield from _in_parallel(left, item, task, workers)
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths == MOST_DEATHS:
+                raise _killed() from None
+
+
+def _in_parallel(
+    left: dict[K, Collection[K]], item: Callable[[K], T], task: Callable[[T], R], workers: int
+) -> Iterator[tuple[K, R]]:
+    """Work on what is `left` until one key at most can be worked on; those done leave it."""
+    with _pool(workers) as pool:
+        running: dict[Future[R], K] = {}
+        while True:
+            busy = set(running.values())
+            ready = [key for key in left if not any(need in left for need in left[key])]
+            if len(ready) <= 1 and not running:
+                return
+            for key in [key for key in ready if key not in busy][: workers - len(running)]:
+                running[pool.submit(task, item(key))] = key
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                result = future.result()
+                key = running.pop(future)
+                del left[key]
+                yield key, result
+
+
+def _killed() -> UnavailableError:
+    return UnavailableError(
         f"{MOST_DEATHS} worker processes were killed (out of memory?); try fewer --workers"
     )
 

@@ -64,8 +64,11 @@ class Relay:
 
 
 @contextmanager
-def relayed(progress: Progress) -> Iterator[Relay]:
-    """Progress that can be sent to workers and ends up in `progress`."""
+def relayed(progress: Progress, *, wanted: bool = True) -> Iterator[Progress]:
+    """Progress that can be sent to workers and ends up in `progress`; itself if not `wanted`."""
+    if not wanted:
+        yield progress
+        return
     with SPAWN.Manager() as manager:
         queue = manager.Queue()
         listener = threading.Thread(target=_listen, args=(queue, progress), daemon=True)

@@ -11,8 +11,7 @@ from typing import Literal
 import gymnasium
 import pydantic
 
-from elast_cli.config import StrictModel, suggestion
-from elast_cli.control.collection import collect_episode
+from elast_cli.config import StrictModel
 from elast_cli.envs.base import ElastEnv
 from elast_cli.envs.block import (
     Block,
@@ -26,7 +25,7 @@ from elast_cli.envs.cable import Cable, CableConfig, CableParam, CableParamConfi
 from elast_cli.envs.planar_arm import PlanarArm, PlanarArmConfig
 from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
 from elast_cli.envs.scenario import Level, Scenario
-from elast_cli.errors import ConfigError, UsageError
+from elast_cli.errors import ConfigError, UsageError, suggestion
 from elast_cli.seeding import generator
 
 __all__ = [
@@ -37,7 +36,6 @@ __all__ = [
     "RandomPolicy",
     "RandomPolicyConfig",
     "Scenario",
-    "collect_episode",
     "make",
     "scenarios",
     "spec",

@@ -7,8 +7,8 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from elast_cli.config import StrictModel, suggestion
-from elast_cli.errors import UsageError
+from elast_cli.config import StrictModel
+from elast_cli.errors import UsageError, suggestion
 from elast_cli.evaluation.rows import Cell, OverallRow, Percent
 from elast_cli.evaluation.summary import cell_of, pooled
 

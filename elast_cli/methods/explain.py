@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elast_cli.methods.table import Models, tree_planner
+from elast_cli.config import JsonDict
+from elast_cli.methods.elast import tree_planner
+from elast_cli.methods.loading import Models
+from elast_cli.models.ensemble.support import Support, SupportedDynamics
 from elast_cli.planners.base import Query
 from elast_cli.planners.tree.forest import path_to
 from elast_cli.planners.tree.search import Search, TreeConfig
 from elast_cli.shapes import Float32, Int32, Int64
-from elast_cli.store.manifest import JsonDict
 
 if TYPE_CHECKING:
     from elast_cli.envs.base import ElastEnv
@@ -65,15 +67,20 @@ def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv
         "goal": _goal(models, search),
         "path": [*_path(models, search, path, nearest, env)],
     }
-    rows = models.ensemble.support.rows.cpu().numpy()[nearest]
+    rows = _support(models).rows.cpu().numpy()[nearest]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
+
+
+def _support(models: Models) -> Support:
+    """The encoded training states."""
+    return models.part("ensemble", SupportedDynamics).support
 
 
 def _support_distance(models: Models, latents: Float32) -> Float32:
     """Distance of each latent [T,Z] to the nearest encoded training state."""
     import torch
 
-    support = models.ensemble.support
+    support = _support(models)
     found: Float32 = support.distance(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
     return found
 
@@ -82,7 +89,7 @@ def _nearest(models: Models, latents: Float32) -> Int64:
     """Index of the nearest encoded training state of each latent [T]."""
     import torch
 
-    support = models.ensemble.support
+    support = _support(models)
     found: Int64 = support.nearest(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
     return found
 
@@ -104,7 +111,7 @@ def _path(
     forest, world = search.forest, search.world
     latent = forest.latent[0, path]
     row = np.zeros(len(path), np.int64)
-    states = models.ensemble.support.states.cpu().numpy()[nearest]
+    states = _support(models).states.cpu().numpy()[nearest]
     features = world.features(latent, row)
     source, target = np.arange(len(path) - 1), np.arange(1, len(path))
     log_density = world.log_density(features, source, target)

@@ -10,105 +10,23 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel, dump_yaml, read_yaml, validate
+from elast_cli.config import dump_yaml, read_yaml, validate
 from elast_cli.errors import DataError
 from elast_cli.files import open_regular
-from elast_cli.models.context.net import ContextAutoencoder, ContextConfig
-from elast_cli.models.density.net import DensityConfig, TransitionDensity
-from elast_cli.models.encoder.cpc import CpcConfig, Representation
-from elast_cli.models.encoder.net import EncoderConfig
-from elast_cli.models.ensemble.net import EnsembleConfig
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.part import Sizes
-from elast_cli.models.policy.net import LocalPolicy, PolicyConfig
+from elast_cli.models.part import Trained
+from elast_cli.models.parts import part_named
 
 WEIGHTS = "model.safetensors"
-SIZES = "model.yaml"
+SPEC = "model.yaml"
 _MAX_HEADER = 1 << 20
 
 
-class _ContextSpec(StrictModel):
-    net: ContextConfig
-
-    def build(self) -> nn.Module:
-        return ContextAutoencoder(self.net)
-
-
-class _EncoderSpec(StrictModel):
-    sizes: Sizes
-    net: EncoderConfig
-    cpc: CpcConfig
-
-    def build(self) -> nn.Module:
-        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)
-
-
-class _EnsembleSpec(StrictModel):
-    sizes: Sizes
-    net: EnsembleConfig
-
-    def build(self) -> nn.Module:
-        sizes = self.sizes
-        return SupportedDynamics(
-            self.net,
-            latent_size=sizes.latent,
-            action_size=sizes.action,
-            context_size=sizes.context,
-            state_size=sizes.state,
-        )
-
-
-class _DensitySpec(StrictModel):
-    sizes: Sizes
-    net: DensityConfig
-
-    def build(self) -> nn.Module:
-        sizes = self.sizes
-        return TransitionDensity(self.net, sizes.latent, sizes.context)
-
-
-class _PolicySpec(StrictModel):
-    sizes: Sizes
-    net: PolicyConfig
-
-    def build(self) -> nn.Module:
-        sizes = self.sizes
-        return LocalPolicy(self.net, sizes.latent, sizes.action, sizes.context)
-
-
-Spec = _ContextSpec | _EncoderSpec | _EnsembleSpec | _DensitySpec | _PolicySpec
-SPECS: dict[str, type[Spec]] = {
-    "context": _ContextSpec,
-    "encoder": _EncoderSpec,
-    "ensemble": _EnsembleSpec,
-    "density": _DensitySpec,
-    "policy": _PolicySpec,
-}
-
-
-def save_model(folder: Path, module: nn.Module, *, sizes: Sizes | None) -> None:
-    """Write the weights and all that is needed to build the module again into `folder`.
-
-    `sizes` is None for a context autoencoder alone, whose shape is its configuration.
-    """
-    if isinstance(module, ContextAutoencoder):
-        spec: Spec = _ContextSpec(net=module.config)
-    elif sizes is None:
-        raise TypeError(f"{type(module).__name__} is not a kind of artifact without sizes")
-    elif isinstance(module, Representation):
-        spec = _EncoderSpec(sizes=sizes, net=module.encoder.config, cpc=module.cpc)
-    elif isinstance(module, SupportedDynamics):
-        spec = _EnsembleSpec(sizes=sizes, net=module.config)
-    elif isinstance(module, TransitionDensity):
-        spec = _DensitySpec(sizes=sizes, net=module.config)
-    elif isinstance(module, LocalPolicy):
-        spec = _PolicySpec(sizes=sizes, net=module.config)
-    else:
-        raise TypeError(f"{type(module).__name__} is not a kind of artifact")
-    weights = {k: _packed(v.detach().cpu()) for k, v in module.state_dict().items()}
+def save_model(folder: Path, trained: Trained) -> None:
+    """Write the weights and all that is needed to build the module again into `folder`."""
+    weights = {k: _packed(v.detach().cpu()) for k, v in trained.module.state_dict().items()}
     with (folder / WEIGHTS).open("xb") as file:
         file.write(save(weights))
-    (folder / SIZES).write_text(dump_yaml(spec.model_dump(mode="json")))
+    (folder / SPEC).write_text(dump_yaml(trained.spec.model_dump(mode="json")))
 
 
 def _packed(tensor: Tensor) -> Tensor:
@@ -124,15 +42,15 @@ def load_model(folder: Path, kind: str) -> nn.Module:
         DataError: not safetensors, tensors of other names, shapes or types, or not finite.
     """
     spec = validate(
-        SPECS[kind],
-        read_yaml(folder / SIZES, error=DataError),
-        where=str(folder / SIZES),
+        part_named(kind).spec,
+        read_yaml(folder / SPEC, error=DataError),
+        where=str(folder / SPEC),
         error=DataError,
     )
     path = folder / WEIGHTS
     _check_header(path)
     with torch.device("meta"):
-        module = spec.build()
+        module: nn.Module = spec.build()
     try:
         weights = load_file(path)
     except (SafetensorError, OSError, ValueError) as error:

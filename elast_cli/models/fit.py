@@ -1,6 +1,6 @@
 """The only training loop: Adam with a one-cycle rate, resumable at any step.
 
-A batch is a pure function of (seed, stage, step), so a killed run that resumes from its last
+A batch is a pure function of (seed, stream, step), so a killed run that resumes from its last
 checkpoint ends with the same weights as one that was never interrupted.
 """
 
@@ -11,16 +11,15 @@ import io
 import pickle
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
 from elast_cli.errors import DataError
 from elast_cli.files import whole_file
+from elast_cli.models.part import FitConfig
 from elast_cli.progress import Progress
 from elast_cli.seeding import generator
 
@@ -39,23 +38,6 @@ _DAMAGE = (
     ValueError,
     pickle.UnpicklingError,
 )
-
-
-class FitConfig(StrictModel):
-    """How long and how fast to train.
-
-    With `precision` bfloat16, matrix products and convolutions of training compute in it, and the
-    trained weights are rounded to it, which halves their files; all else stays float32. It pays for
-    wide networks, on processors that have such products; on others it is slow.
-    """
-
-    steps: int = Field(gt=0)
-    batch_size: int = Field(gt=1)
-    learning_rate: float = Field(default=1e-3, gt=0)
-    weight_decay: float = Field(default=0.0, ge=0)
-    precision: Literal["float32", "bfloat16"] = "float32"
-    log_every: int = Field(default=100, gt=0)
-    save_every: int = Field(default=500, gt=0)
 
 
 class _Run:
@@ -123,7 +105,7 @@ def fit(
     *,
     config: FitConfig,
     seed: int,
-    stage: int,
+    stream: int,
     label: str,
     work: Path,
     validate: Validate,
@@ -136,7 +118,7 @@ def fit(
         loss: draws a batch from the generator it is given and returns the loss and its parts.
         config: steps, rate, intervals.
         seed: the training seed.
-        stage: number of the stage, so that two stages of one seed see different batches.
+        stream: number of the part's random stream, no two parts share one.
         label: what the progress bar says.
         work: folder of this run's checkpoint, kept when the process is killed.
         validate: metrics on held-out data, called at every logged step.
@@ -152,7 +134,7 @@ def fit(
         advance(run.step)
         while run.step < config.steps:
             with torch.autocast(device, torch.bfloat16, enabled=low):
-                value, parts = loss(generator("train", seed, stage, run.step))
+                value, parts = loss(generator("train", seed, stream, run.step))
             run.advance(value)
             advance(1)
             if run.step % config.log_every == 0 or run.step == config.steps:

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from elast_cli.models.fit import FitConfig, fit
+from elast_cli.models.fit import fit
 from elast_cli.models.nets import LatentScale
-from elast_cli.models.part import STAGES, Setting, Sizes
+from elast_cli.models.part import FitConfig, Setting, Sizes, stream
 
 VALIDATION_ROWS = 2048
 
@@ -74,7 +74,7 @@ def fit_on_latents(
         lambda rng: loss(rng, config.batch_size),
         config=config,
         seed=setting.seed,
-        stage=STAGES[name],
+        stream=stream(name),
         label=name,
         work=setting.work,
         validate=lambda: validate(check),

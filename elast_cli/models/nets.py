@@ -50,7 +50,6 @@ class LatentScale(nn.Module):
 
 
 QUANTILE_GRID = 1001
-MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 FAINT = 0.003  # share of the strongest colour's variance below which a colour is noise
 
 

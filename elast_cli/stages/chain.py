@@ -1,98 +1,84 @@
-"""`elast run`: the whole chain, skipping what is there."""
+"""The chain from random interaction to trained parts: what is missing is made, in order."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from elast_cli.engine.local import each
+from elast_cli.config import JsonDict
+from elast_cli.engine.local import graph
 from elast_cli.engine.relay import relayed
+from elast_cli.models.parts import DATASET
 from elast_cli.stages import collect, train
-from elast_cli.stages.job import Job, Step
-from elast_cli.stages.resolve import ROLES, needs, present
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.stages.job import Job, RecipeJob
+from elast_cli.stages.resolve import needs, roles_of
+from elast_cli.store.manifest import Ref
 
-# what can be made at the same time once all is there that both need
-_BRANCHES = (("ensemble", "policy"), ("density",))
+MOST_TRAININGS = 2  # at the same time: each wants memory and memory bandwidth of its own
 
 
-def make_models(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
+def make_models(
+    job: Job, roles: Sequence[str], known: Mapping[str, Ref] | None = None
+) -> dict[str, Ref]:
     """The dataset and learned parts of these roles, and all they need, made where they are missing.
 
+    Those that do not depend on one another are made at the same time if there are workers for it.
     Results are the same for any number of workers.
+
+    Args:
+        job: environment, preset, seed, and how to run.
+        roles: kinds of parts.
+        known: artifacts that are taken as they are.
     """
-    needed = _closed(job.env, roles)
-    made: dict[str, Ref] = {}
-    for role in needed:
-        if role in ("dataset", "context", "encoder", *needs(job.env, "density")):
-            made[role] = _step(_after(job, made), role).carry_out()
-    branches = [
-        (_after(job, made), wanted)
-        for branch in _BRANCHES
-        if (wanted := tuple(role for role in branch if role in needed and role not in made))
-    ]
-    parallel = job.workers > 1 and len(branches) > 1 and not _all_made(branches)
-    if not parallel:
-        for branch in branches:
-            made |= _carry_out(branch)
+    wanted = roles_of(job.env, roles)
+    made = {role: ref for role, ref in (known or {}).items() if role in wanted}
+    for role in wanted:
+        if role not in made and all(need in made for need in needs(job.env, role)):
+            ref = _recipe_job(_after(job, made), role).published()
+            if ref:
+                job.progress.note(f"{ref} is there already, made by the same recipe")
+                made[role] = ref
+    missing = {role: needs(job.env, role) for role in wanted if role not in made}
+    if not missing:
         return made
-    with relayed(job.progress) as progress:
-        sent = [(replace(branch, progress=progress), wanted) for branch, wanted in branches]
-        for part in each(_carry_out, sent, workers=2):
-            made |= part
-    return made
+    workers = min(job.workers, MOST_TRAININGS)
+    with relayed(job.progress, wanted=workers > 1 and len(missing) > 1) as progress:
+        sent = replace(job, progress=progress)
+        for role, ref in graph(
+            missing,
+            lambda role: (_after(job if role == DATASET else sent, made), role),
+            _carry_out,
+            workers=workers,
+        ):
+            made[role] = ref
+    return {role: made[role] for role in wanted}
 
 
 def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
     """What `make_models` would find and make, in order."""
     there: dict[str, Ref] = {}
     rows: list[JsonDict] = []
-    for role in _closed(job.env, roles):
+    for role in roles_of(job.env, roles):
         ref = None
         if all(need in there for need in needs(job.env, role)):
-            ref = _step(_after(job, there), role).published()
+            ref = _recipe_job(_after(job, there), role).published()
         if ref:
             there[role] = ref
-        rows.append({"env": job.env, "kind": role, "seed": job.seed, "published": _text(ref)})
+        published = str(ref) if ref else None
+        rows.append({"env": job.env, "kind": role, "seed": job.seed, "published": published})
     return rows
 
 
-def _text(ref: Ref | None) -> str | None:
-    return str(ref) if ref else None
-
-
-def _closed(env: str, roles: Sequence[str]) -> list[str]:
-    """These roles and all they need, in the order in which they are made."""
-    needed = set(present(env, roles))
-    for role in reversed(ROLES):
-        if role in needed:
-            needed |= set(needs(env, role))
-    return [role for role in ROLES if role in needed]
-
-
-def _after(job: Job, made: dict[str, Ref]) -> Job:
+def _after(job: Job, made: Mapping[str, Ref]) -> Job:
     """The job with exactly these inputs, whatever else fits."""
     return replace(job, given=dict(made))
 
 
-def _step(job: Job, role: str) -> Step:
-    return collect.step(job) if role == "dataset" else train.step(job, role)
+def _recipe_job(job: Job, role: str) -> RecipeJob:
+    return collect.recipe_job(job) if role == DATASET else train.recipe_job(job, role)
 
 
-def _carry_out(branch: tuple[Job, tuple[str, ...]]) -> dict[str, Ref]:
-    """The artifacts of one branch, one after the other."""
-    job, roles = branch
-    made: dict[str, Ref] = {}
-    for role in roles:
-        made[role] = _step(_after(job, {**job.given, **made}), role).carry_out()
-    return made
-
-
-def _all_made(branches: Sequence[tuple[Job, tuple[str, ...]]]) -> bool:
-    """Whether nothing is left to do, so that no process need be started."""
-    return all(
-        row["published"]
-        for job, roles in branches
-        for row in planned_models(job, roles)
-        if row["kind"] in roles
-    )
+def _carry_out(item: tuple[Job, str]) -> Ref:
+    """The artifact of one role."""
+    job, role = item
+    return _recipe_job(job, role).carry_out()

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import elast_cli
-from elast_cli.control.collection import collect_episode
+from elast_cli.config import JsonDict
+from elast_cli.control.collection import CollectConfig, collect_episode
 from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import read_head
 from elast_cli.data.shards import compact, shard_path, write_shard
@@ -16,8 +17,7 @@ from elast_cli.engine.local import each
 from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
 from elast_cli.envs.registry import make, spec
 from elast_cli.errors import DataError
-from elast_cli.stages.job import DataJob, Step
-from elast_cli.store.manifest import JsonDict
+from elast_cli.stages.job import Job, RecipeJob
 from elast_cli.store.run import Run
 
 ALGORITHM_VERSION = 1
@@ -25,14 +25,14 @@ DATASET_FILE = "dataset.h5"
 SHARD_ROWS = 2048  # about so many, of episodes that are not longer
 
 
-def step(job: DataJob) -> Step:
+def recipe_job(job: Job) -> RecipeJob:
     """The dataset of a job."""
     config: JsonDict = {
-        "collect": job.config.collect.model_dump(mode="json"),
+        "collect": job.config.plain("collect"),
         "env": job.config.env,
     }
     recipe = job.recipe("dataset", config, {}, algorithm_version=ALGORITHM_VERSION, by_torch=False)
-    return Step(job, recipe, {}, lambda run: _collect(job, run))
+    return RecipeJob(job, recipe, {}, lambda run: _collect(job, run))
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class _Shard:
     path: Path
 
 
-def _collect(job: DataJob, run: Run) -> JsonDict:
+def _collect(job: Job, run: Run) -> JsonDict:
     began = time.monotonic()
-    collect = job.config.collect
+    collect = job.config.section("collect", CollectConfig)
     shards = [
         _Shard(
             env=job.env,

@@ -13,6 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import ValidationError
 
+from elast_cli.config import JsonDict
 from elast_cli.engine.local import each
 from elast_cli.envs.registry import make, scenarios, spec
 from elast_cli.envs.scenario import Scenario
@@ -21,12 +22,19 @@ from elast_cli.files import whole_file
 from elast_cli.methods.table import method_named
 from elast_cli.progress import Silent
 from elast_cli.seeding import derived_seed
-from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
+from elast_cli.stages.job import (
+    Job,
+    RecipeJob,
+    limit_threads,
+    note_if_unrepeatable,
+    time_budget,
+    verify_files,
+)
+from elast_cli.stages.presets import EvalConfig
 from elast_cli.stages.report import write_results
 from elast_cli.stages.resolve import resolve
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
-from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
     from elast_cli.control.episodes import Trace
@@ -34,7 +42,7 @@ if TYPE_CHECKING:
 ALGORITHM_VERSION = 10
 
 
-def step(job: Job, method: str, levels: Sequence[str]) -> Step:
+def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:
     """The evaluation of one method on some levels.
 
     Raises:
@@ -43,11 +51,11 @@ def step(job: Job, method: str, levels: Sequence[str]) -> Step:
     """
     entry = method_named(method)
     known = spec(job.env).env_class
-    inputs = resolve(job, entry.needs)
-    settings = job.config.eval
+    inputs = resolve(job.of_method(entry), entry.parts)
+    settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
-        "sections": entry.sections(job.config),
+        "sections": entry.settings(job.config),
         "env": job.config.env,
         "levels": {level: known.level(level).max_steps for level in levels},
         "episodes": settings.episodes,
@@ -55,7 +63,7 @@ def step(job: Job, method: str, levels: Sequence[str]) -> Step:
         "domain": settings.domain,
     }
     recipe = job.recipe("eval", config, inputs, algorithm_version=ALGORITHM_VERSION)
-    return Step(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
+    return RecipeJob(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
 
 
 @dataclass(frozen=True)
@@ -89,19 +97,12 @@ def _evaluate(
     lineage = {role: str(ref) for role, ref in inputs.items()}
     overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
-    metrics["repeatable"] = method_named(method).repeatable(job.config)
+    metrics["repeatable"] = time_budget(job, method_named(method)) is None
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
 
 
-def verify_files(store: Store, inputs: Mapping[str, Ref]) -> None:
-    """Raise DataError unless every file of every input is as its manifest says."""
-    for ref in inputs.values():
-        for name in store.manifest(ref).files:
-            store.file(ref, name)
-
-
 def _scenarios(job: Job, level: str) -> list[Scenario]:
-    settings = job.config.eval
+    settings = job.config.section("eval", EvalConfig)
     return scenarios(
         job.env,
         level,
@@ -117,9 +118,10 @@ def _chunks(
 ) -> list[_Chunk]:
     """Episodes of one level each, as many as run side by side, equally many for every worker."""
     found = []
+    beside = job.config.section("eval", EvalConfig).num_envs
     for level in dict.fromkeys(scenario.level for scenario in missing):
         of_level = [scenario for scenario in missing if scenario.level == level]
-        rounds = -(-len(of_level) // (job.config.eval.num_envs * job.workers))
+        rounds = -(-len(of_level) // (beside * job.workers))
         size = -(-len(of_level) // (rounds * job.workers))
         found += [
             _Chunk(job, method, inputs, tuple(of_level[first : first + size]), folder)
@@ -131,7 +133,7 @@ def _chunks(
 def _run_chunk(chunk: _Chunk) -> int:
     """Number of episodes run and written; an episode is the same whoever it runs beside."""
     from elast_cli.control.episodes import run_episodes
-    from elast_cli.methods.table import context_reader, controller
+    from elast_cli.methods.loading import controller
 
     job = chunk.job
     limit_threads(job.threads)
@@ -144,7 +146,6 @@ def _run_chunk(chunk: _Chunk) -> int:
         chunk.scenarios,
         max_steps=level.max_steps,
         seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
-        context=context_reader(folders, job.device),
         keep_frames=True,
     )
     kept: set[bool] = set()  # the first success and the first failure are drawn

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.evaluation.comparison import Comparison, compare
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.evaluation.summary import parse_results
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.manifest import Ref
 from elast_cli.store.store import LineageNode, Store
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.tree import Tree
 
-    from elast_cli.stages.job import Step
+    from elast_cli.stages.job import RecipeJob
 
 RESULTS_FILE = "results.json"
 _MOST_BYTES = 256 << 20  # of a results file
@@ -188,15 +189,15 @@ def _read_json(path: Path, ref: Ref) -> object:
         raise DataError(f"{ref}: {path.name}: not JSON ({reason})") from None
 
 
-def planned(step: Step) -> JsonDict:
-    """What a step would do."""
-    ref = step.published()
+def planned(wanted: RecipeJob) -> JsonDict:
+    """What carrying out a recipe job would do."""
+    ref = wanted.published()
     return {
-        "env": step.recipe.env,
-        "kind": step.recipe.kind,
+        "env": wanted.recipe.env,
+        "kind": wanted.recipe.kind,
         "published": str(ref) if ref else None,
-        "inputs": {role: str(parent) for role, parent in step.inputs.items()},
-        "recipe_digest": step.recipe.digest,
+        "inputs": {role: str(parent) for role, parent in wanted.inputs.items()},
+        "recipe_digest": wanted.recipe.digest,
     }
 
 

@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from elast_cli.config import JsonDict
 from elast_cli.evaluation.rows import EpisodeRow, OverallRow
 from elast_cli.evaluation.summary import results_document, summarize
 from elast_cli.evaluation.tables import table
 from elast_cli.stages.inspect import RESULTS_FILE, episode_rows
-from elast_cli.stages.job import Job, Step
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.stages.job import Job, RecipeJob
+from elast_cli.stages.presets import EvalConfig
+from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 
 ALGORITHM_VERSION = 1
@@ -32,7 +34,7 @@ def write_results(
     return summarize(rows)
 
 
-def report_step(job: Job, evaluations: Mapping[tuple[str, int], Ref]) -> Step:
+def recipe_job(job: Job, evaluations: Mapping[tuple[str, int], Ref]) -> RecipeJob:
     """The report of one environment over evaluations by (method, training seed).
 
     Its recipe has the lowest training seed for its own.
@@ -46,7 +48,7 @@ def report_step(job: Job, evaluations: Mapping[tuple[str, int], Ref]) -> Step:
     recipe = replace(job, seed=seeds[0]).recipe(
         "report", config, inputs, algorithm_version=ALGORITHM_VERSION, by_torch=False
     )
-    return Step(job, recipe, inputs, lambda run: _report(job, evaluations, run))
+    return RecipeJob(job, recipe, inputs, lambda run: _report(job, evaluations, run))
 
 
 def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> JsonDict:
@@ -73,7 +75,7 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
 
 
 def _settings(job: Job, run: Run) -> JsonDict:
-    settings = job.config.eval
+    settings = job.config.section("eval", EvalConfig)
     return {
         **run.recipe.config,
         "preset": job.preset,

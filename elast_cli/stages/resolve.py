@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
+from elast_cli.config import JsonDict
 from elast_cli.envs.base import ElastEnv
 from elast_cli.envs.registry import spec
 from elast_cli.errors import DataError, MissingInputError, UsageError
+from elast_cli.models import parts
 from elast_cli.stages.job import Job
 from elast_cli.store.manifest import Manifest, Ref
-
-MAKERS: Mapping[str, str] = {
-    "dataset": "collect",
-    "context": "train-context",
-    "encoder": "train-encoder",
-    "ensemble": "train-ensemble",
-    "density": "train-density",
-    "policy": "train-policy",
-}
-ROLES = tuple(MAKERS)  # in the order in which they are made
-_NEEDS: Mapping[str, tuple[str, ...]] = {
-    "dataset": (),
-    "context": ("dataset",),
-    "encoder": ("dataset", "context"),
-    "ensemble": ("dataset", "context", "encoder"),
-    "density": ("dataset", "context", "encoder"),
-    "policy": ("dataset", "context", "encoder", "ensemble"),
-}
 
 
 def has_context(env: str) -> bool:
@@ -36,13 +21,17 @@ def has_context(env: str) -> bool:
 
 def present(env: str, roles: Sequence[str]) -> list[str]:
     """Those of the roles that an environment has: without contexts there is no `context`."""
-    return [role for role in roles if role != "context" or has_context(env)]
+    return parts.present(roles, has_context=has_context(env))
 
 
 def needs(env: str, role: str) -> list[str]:
     """What a role is made from, in the order in which it is made."""
-    more = ("ensemble",) if role == "density" and has_context(env) else ()  # ψ's noise asks H_f
-    return present(env, _NEEDS[role] + more)
+    return parts.needs(role, has_context=has_context(env))
+
+
+def roles_of(env: str, roles: Sequence[str]) -> list[str]:
+    """These roles and all that they are made from, in the order in which they are made."""
+    return parts.closure(roles, has_context=has_context(env))
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
@@ -56,12 +45,12 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
         DataError: given artifacts are damaged, of another lineage, or of two lineages.
         MissingInputError: something is not made yet; says which command makes it.
     """
-    given = {role: ref for role, ref in job.given.items() if role in ROLES}
+    given = {role: ref for role, ref in job.given.items() if role in parts.kinds()}
     if "context" in given:
         refuse_without_context(job.env)
     search = _Search(job, given)
     roles = present(job.env, roles)
-    wanted = [role for role in ROLES if role in roles or role in given]
+    wanted = [role for role in parts.kinds() if role in roles or role in given]
     for end in range(1, len(wanted) + 1):
         if search.choose(wanted[:end], {}) is None:
             role = wanted[end - 1]
@@ -82,7 +71,7 @@ class _Search:
         self.job, self.store = job, job.store
         self.digests: dict[Ref, str] = {}
         self.candidates: dict[str, list[tuple[Ref, Manifest]]] = {}
-        for role in ROLES:
+        for role in parts.kinds():
             self.candidates[role] = (
                 [(given[role], self._checked(role, given[role]))]
                 if role in given
@@ -130,7 +119,8 @@ class _Search:
             except DataError:
                 continue  # never chosen by itself; `elast verify` says what is wrong with it
             recipe = manifest.recipe
-            if (recipe.preset, recipe.seed) == (self.job.preset, self.job.seed):
+            lineage = recipe.preset, recipe.seed, recipe.variant
+            if lineage == (self.job.preset, self.job.seed, self.job.variant(role)):
                 found.append((ref, manifest))
         return found
 
@@ -148,6 +138,11 @@ class _Search:
                 f"--{role} {ref}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
                 f"{job.preset} and seed {job.seed}; lineages are never mixed: add "
                 f"--preset {recipe.preset} --seed {recipe.seed}"
+            )
+        if recipe.variant != job.variant(role):
+            raise DataError(
+                f"--{role} {ref}: made for methods with {_variant_text(recipe.variant)}, "
+                f"not for {_variant_text(job.variant(role))}"
             )
         return manifest
 
@@ -175,12 +170,22 @@ def refuse_without_context(env: str) -> None:
         )
 
 
+def _variant_text(variant: JsonDict) -> str:
+    """What a method changes in its parts, for people."""
+    return json.dumps(variant, separators=(",", ":")) if variant else "the preset's parts"
+
+
 def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:
     """What is missing, and the command that makes it."""
-    before = {r: ref for r, ref in given.items() if ROLES.index(r) < ROLES.index(role)}
+    order = parts.kinds()
+    before = {r: ref for r, ref in given.items() if order.index(r) < order.index(role)}
     named = "".join(f" --{r} {ref}" for r, ref in before.items())
     of = f" of {', '.join(map(str, before.values()))}" if before else ""
-    return (
-        f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}; "
-        f"run: elast {MAKERS[role]} {job.flags()}{named}"
-    )
+    there_is_no = f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}"
+    if variant := job.variant(role):
+        return (
+            f"{there_is_no}, with {_variant_text(variant)}; "
+            f"run: elast train-baseline {job.method} {job.flags()}"
+        )
+    maker = "collect" if role == parts.DATASET else f"train-{role}"
+    return f"{there_is_no}; run: elast {maker} {job.flags()}{named}"

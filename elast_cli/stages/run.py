@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
-from elast_cli.config import suggestion
+from elast_cli.config import JsonDict
 from elast_cli.envs.registry import spec
-from elast_cli.errors import MissingInputError, RequirementError, UsageError
+from elast_cli.errors import MissingInputError, RequirementError, UsageError, suggestion
 from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
 from elast_cli.evaluation.rows import Cell, EpisodeRow
 from elast_cli.evaluation.summary import results_document, summarize
 from elast_cli.methods.table import method_named
 from elast_cli.progress import Silent
-from elast_cli.stages import evaluate
+from elast_cli.stages import evaluate, report
 from elast_cli.stages.chain import make_models, planned_models
 from elast_cli.stages.inspect import episode_rows
 from elast_cli.stages.job import Job
-from elast_cli.stages.report import report_step, table_text
-from elast_cli.stages.resolve import present, resolve
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.stages.report import table_text
+from elast_cli.stages.resolve import present, resolve, roles_of
+from elast_cli.store.manifest import Ref
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,6 @@ class Benchmark:
                 raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
         return [env for env in envs if self.levels_of(env)]
 
-    def roles(self) -> list[str]:
-        """All artifacts that the methods need."""
-        return list(
-            dict.fromkeys(role for name in self.methods for role in method_named(name).needs)
-        )
-
     def expect(self, envs: Sequence[str]) -> None:
         """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
         cells = [
@@ -97,8 +93,10 @@ def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
     found, missing = [], []
     for job in jobs:
         try:
-            for seed in bench.seeds:
-                resolve(replace(job, seed=seed, progress=Silent()), bench.roles())
+            for seed, name in product(bench.seeds, bench.methods):
+                method = method_named(name)
+                of_seed = replace(job, seed=seed, progress=Silent())
+                resolve(of_seed.of_method(method), method.parts)
             found.append(job)
         except MissingInputError as error:
             missing.append(error)
@@ -115,12 +113,33 @@ def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
     evaluations: dict[tuple[str, int], Ref] = {}
     for seed in bench.seeds:
         of_seed = replace(job, seed=seed)
-        if make:
-            made = make_models(of_seed, bench.roles())
-            of_seed = replace(of_seed, given=made)
-        for method in bench.methods:
-            evaluations[method, seed] = evaluate.step(of_seed, method, levels).carry_out()
-    return report_step(job, evaluations).carry_out()
+        parts = make_parts(of_seed, bench.methods) if make else {}
+        for name in bench.methods:
+            given = replace(of_seed, given=parts.get(name, of_seed.given))
+            evaluations[name, seed] = evaluate.recipe_job(given, name, levels).carry_out()
+    return report.recipe_job(job, evaluations).carry_out()
+
+
+def make_parts(job: Job, methods: Sequence[str]) -> dict[str, dict[str, Ref]]:
+    """The parts of each method by its name, made where they are missing.
+
+    A part is made once for all methods that share it; one that a method changes is its own.
+    """
+    made: dict[tuple[str, str], Ref] = {}
+    parts: dict[str, dict[str, Ref]] = {}
+    for name in methods:
+        method = method_named(name)
+        of_method = job.of_method(method)
+        keys = {role: _key(of_method, role) for role in roles_of(job.env, method.parts)}
+        known = {role: made[key] for role, key in keys.items() if key in made}
+        parts[name] = make_models(of_method, method.parts, known)
+        made |= {keys[role]: ref for role, ref in parts[name].items()}
+    return parts
+
+
+def _key(job: Job, role: str) -> tuple[str, str]:
+    """What tells the artifacts of one role apart that the methods of one run are given."""
+    return role, json.dumps(job.variant(role), sort_keys=True)
 
 
 def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
@@ -129,21 +148,25 @@ def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
     evaluations: dict[tuple[str, int], Ref] = {}
     for seed in bench.seeds:
         of_seed = replace(job, seed=seed)
-        if make:
-            models = planned_models(of_seed, bench.roles())
-            rows += models
-            refs = {str(row["kind"]): row["published"] for row in models if row["published"]}
-            of_seed = replace(of_seed, given={kind: Ref.parse(str(r)) for kind, r in refs.items()})
-        for method in bench.methods:
-            ref, needs = None, present(job.env, method_named(method).needs)
-            if not make or all(role in of_seed.given for role in needs):
-                ref = evaluate.step(of_seed, method, bench.levels_of(job.env)).published()
+        listed: set[tuple[str, str]] = set()
+        for name in bench.methods:
+            method = method_named(name)
+            given = of_seed.of_method(method)
+            if make:
+                models = planned_models(given, method.parts)
+                rows += [row for row in models if _key(given, str(row["kind"])) not in listed]
+                listed |= {_key(given, str(row["kind"])) for row in models}
+                refs = {str(row["kind"]): Ref.maybe(str(row["published"])) for row in models}
+                given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
+            ref, needed = None, present(job.env, method.parts)
+            if not make or all(role in given.given for role in needed):
+                ref = evaluate.recipe_job(given, name, bench.levels_of(job.env)).published()
             if ref:
-                evaluations[method, seed] = ref
-            rows.append(_planned_row(of_seed, f"eval {method}", ref))
+                evaluations[name, seed] = ref
+            rows.append(_planned_row(of_seed, f"eval {name}", ref))
     every = len(evaluations) == len(bench.methods) * len(bench.seeds)
-    report = report_step(job, evaluations).published() if every else None
-    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", report))
+    found = report.recipe_job(job, evaluations).published() if every else None
+    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", found))
     return rows
 
 

@@ -19,10 +19,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, JsonValue, StringConstraints
+from pydantic import Field, StringConstraints
 
 import elast_cli
-from elast_cli.config import StrictModel, dump_yaml, parse_yaml, validate
+from elast_cli.config import JsonDict, StrictModel, dump_yaml, parse_yaml, validate
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.files import open_regular, read_regular
 
@@ -37,7 +37,6 @@ Name = Annotated[str, StringConstraints(pattern=rf"^{_NAME}$")]
 FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$")]
 RefText = Annotated[str, StringConstraints(pattern=rf"^{_REF.pattern}$")]
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-JsonDict = dict[str, JsonValue]
 
 _LIBRARIES = (
     "torch",
@@ -93,11 +92,13 @@ class Recipe(StrictModel):
     device: str = "cpu"
     threads: Annotated[int, Field(ge=1)] = 1
     algorithm_version: Annotated[int, Field(ge=1)] = 1
+    variant: JsonDict = Field(default_factory=dict)  # a method's changes to parts, by kind
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the recipe's canonical JSON."""
-        text = json.dumps(self.model_dump(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        """SHA-256 of the recipe's canonical JSON; an empty variant leaves no trace in it."""
+        data = self.model_dump(exclude=None if self.variant else {"variant"})
+        text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

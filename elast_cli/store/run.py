@@ -14,10 +14,10 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from elast_cli.config import JsonDict
 from elast_cli.errors import BusyError
 from elast_cli.files import sync_folder, whole_file
 from elast_cli.store.manifest import (
-    JsonDict,
     Manifest,
     Parent,
     Recipe,

@@ -45,16 +45,7 @@ from elast_cli.store.run import Run, held_lock, lock_of
 
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
-_MAKERS = {
-    "dataset": "collect",
-    "context": "train-context",
-    "encoder": "train-encoder",
-    "ensemble": "train-ensemble",
-    "density": "train-density",
-    "policy": "train-policy",
-    "plan": "plan",
-    "eval": "eval",
-}
+_MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
 MAX_GENERATIONS = 32
 
 
@@ -253,9 +244,8 @@ class Store:
         there = [str(other) for other in self.refs(ref.env, ref.kind)]
         if there:
             return f"{ref} does not exist; there is {', '.join(there)}"
-        maker = _MAKERS.get(ref.kind)
-        command = f"elast {maker} --env {ref.env}" if maker else "elast ls"
-        return f"{ref} does not exist; run: {command}"
+        maker = _MAKERS.get(ref.kind, f"train-{ref.kind}")
+        return f"{ref} does not exist; run: elast {maker} --env {ref.env}"
 
     def _check_parent(self, child: Ref, role: str, parent: Ref, digest: str) -> None:
         try:

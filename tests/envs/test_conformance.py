@@ -13,6 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from elast_cli.config import JsonDict
 from elast_cli.control.collection import collect_episode
 from elast_cli.data.dataset import Dataset
 from elast_cli.data.shards import compact, shard_path, write_shard
@@ -22,7 +23,6 @@ from elast_cli.envs.registry import ENVS, EnvSpec, make, scenarios, spec
 from elast_cli.envs.scenario import Scenario
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
-from elast_cli.store.manifest import JsonDict
 
 DOCS = Path(__file__).parents[2] / "docs" / "environments.md"
 each_env = pytest.mark.parametrize("entry", ENVS.values(), ids=list(ENVS))

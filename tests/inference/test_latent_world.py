@@ -11,7 +11,8 @@ from torch import nn
 from elast_cli.inference.frames import FrameEncoder
 from elast_cli.inference.latent_world import LatentWorld, PolicyCall
 from elast_cli.inference.rollout import CemRollout
-from elast_cli.models.encoder.net import Encoder, EncoderConfig
+from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.models.encoder.net import Encoder
 from elast_cli.shapes import FRAMES, Float32
 from tests.toys.models import ACTION, CONTEXT, LATENT, models
 

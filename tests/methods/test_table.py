@@ -25,16 +25,19 @@ from elast_cli.methods.table import (
     radii,
     tree_planner,
 )
-from elast_cli.models.context.net import ContextAutoencoder, ContextConfig, context_vectors
-from elast_cli.models.density.net import DensityConfig, TransitionDensity
-from elast_cli.models.encoder.cpc import CpcConfig, Representation
-from elast_cli.models.encoder.net import EncoderConfig
-from elast_cli.models.ensemble.net import EnsembleConfig
+from elast_cli.models.context.config import ContextConfig
+from elast_cli.models.context.net import ContextAutoencoder, context_vectors
+from elast_cli.models.density.config import DensityConfig
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.files import save_model
 from elast_cli.models.nets import QuantileTable
 from elast_cli.models.part import Sizes
-from elast_cli.models.policy.net import LocalPolicy, PolicyConfig
+from elast_cli.models.policy.config import PolicyConfig
+from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.cem import CemPlanner
 from elast_cli.planners.shooting import ShootingPlanner
 from elast_cli.planners.tree.search import ElastPlanner

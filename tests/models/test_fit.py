@@ -15,7 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from elast_cli.errors import DataError
-from elast_cli.models.fit import CHECKPOINT, METRICS, FitConfig, fit, write_metrics
+from elast_cli.models.fit import CHECKPOINT, METRICS, fit, write_metrics
+from elast_cli.models.part import FitConfig
 from elast_cli.progress import Silent
 
 CONFIG = FitConfig(

@@ -10,9 +10,11 @@ from torch.nn import functional
 
 from elast_cli.inference.dense import DenseNetwork
 from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.config import EncoderConfig
 from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.encoder.net import Encoder, EncoderConfig
-from elast_cli.models.ensemble.net import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.ensemble.config import EnsembleConfig
+from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.nets import ForwardModel, LatentScale
 from elast_cli.models.policy.net import LocalPolicy

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli import preset
+from elast_cli.config import JsonDict
 from elast_cli.control.collection import collect_episode
 from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import column_digests
@@ -17,7 +18,7 @@ from elast_cli.progress import Silent
 from elast_cli.stages import collect, train
 from elast_cli.stages.job import Job, Step, resolve_device
 from elast_cli.stages.resolve import ROLES, has_context, needs, resolve
-from elast_cli.store.manifest import JsonDict, Ref
+from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 from elast_cli.store.store import Store
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from elast_cli.models.context.net import ContextAutoencoder, ContextConfig
-from elast_cli.models.density.net import DensityConfig, TransitionDensity
-from elast_cli.models.encoder.cpc import CpcConfig, Representation
-from elast_cli.models.encoder.net import EncoderConfig
-from elast_cli.models.ensemble.net import EnsembleConfig
+from elast_cli.models.context.config import ContextConfig
+from elast_cli.models.context.net import ContextAutoencoder
+from elast_cli.models.density.config import DensityConfig
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes
-from elast_cli.models.policy.net import LocalPolicy, PolicyConfig
+from elast_cli.models.policy.config import PolicyConfig
+from elast_cli.models.policy.net import LocalPolicy
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)

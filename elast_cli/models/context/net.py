@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
+from elast_cli.models.context.config import ContextConfig
 from elast_cli.models.nets import PooledImages
 from elast_cli.shapes import Float32, Uint8
 
 _SMALLEST = 4  # side of the innermost feature maps
-
-
-class ContextConfig(StrictModel):
-    """Shape of the autoencoder; the paper says only that it is convolutional."""
-
-    latent_size: int = Field(default=16, gt=0, le=256, description="numbers in a context vector")
-    channels: int = Field(default=16, gt=0, le=256, description="of the first layer")
-    pool: Literal[1, 2, 4] = Field(default=2, description="pixels averaged on each axis, before")
 
 
 class ContextAutoencoder(PooledImages):
@@ -98,3 +89,13 @@ def reconstructions(model: ContextAutoencoder, images: Uint8) -> Uint8:
     grey = model.decode(model.code(features)) * model.scale + model.mean
     found: Uint8 = grey.clamp(0, 255).round().byte().permute(0, 2, 3, 1).cpu().numpy()
     return np.ascontiguousarray(found)
+
+
+class ContextSpec(StrictModel):
+    """What is stored of a context autoencoder beside its weights."""
+
+    net: ContextConfig
+
+    def build(self) -> ContextAutoencoder:
+        """An autoencoder of this shape."""
+        return ContextAutoencoder(self.net)

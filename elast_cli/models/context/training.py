@@ -2,62 +2,78 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from elast_cli.config import StrictModel
+from elast_cli.errors import DataError
+from elast_cli.models.context.config import ContextSection
 from elast_cli.models.context.net import (
     ContextAutoencoder,
-    ContextConfig,
+    ContextSpec,
     context_vectors,
     reconstruction_error,
+    reconstructions,
 )
-from elast_cli.models.fit import FitConfig, fit
-from elast_cli.models.part import STAGES, Setting, Trained, seed_torch
+from elast_cli.models.fit import fit
+from elast_cli.models.inputs import Inputs
+from elast_cli.models.part import Reconstructions, Setting, Trained, seed_torch, stream
 from elast_cli.models.probe import probe_state
 from elast_cli.shapes import Int64, Uint8
 
+SHOWN = 10  # reconstructions
 THUMBNAIL = 8  # side of the images that context vectors are probed for
 
 
-class ContextStage(StrictModel):
-    """Everything `train-context` needs."""
+def train(inputs: Inputs, section: ContextSection, setting: Setting) -> Trained:
+    """The autoencoder, trained on one context image an episode.
 
-    net: ContextConfig = ContextConfig()
-    fit: FitConfig = FitConfig(steps=2000, batch_size=128)
+    Raises:
+        DataError: the dataset has no context images.
+    """
+    images = inputs.dataset.context
+    if images is None:
+        raise DataError("the dataset has no context images; collect it anew with --force")
+    split = inputs.dataset.split(setting.validation_share, setting.seed)
+    trained = train_context(images, split, section, setting)
+    assert isinstance(trained.module, ContextAutoencoder)
+    shown = split[1][:SHOWN]
+    decoded = reconstructions(trained.module, images[shown])
+    return replace(trained, reconstructions=Reconstructions(images[shown], decoded, shown.tolist()))
 
 
 def train_context(
-    images: Uint8, split: tuple[Int64, Int64], stage: ContextStage, setting: Setting
+    images: Uint8, split: tuple[Int64, Int64], section: ContextSection, setting: Setting
 ) -> Trained:
     """Train the autoencoder of context images, then measure it on images it has not seen.
 
     Args:
         images: one raw image an episode, u8 [E,64,64,3].
         split: episodes for training and for validation.
-        stage: configuration.
+        section: configuration.
         setting: seed, device, folder.
     """
     seed_torch(setting.seed, "context")
-    model = ContextAutoencoder(stage.net).to(setting.device)
+    model = ContextAutoencoder(section.net).to(setting.device)
     train, val = split
     features = model.preprocess(torch.from_numpy(images).to(setting.device))
     model.fit_normalization(features[train])
     held_out = features[val]
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
-        rows = train[rng.integers(len(train), size=stage.fit.batch_size)]
+        rows = train[rng.integers(len(train), size=section.fit.batch_size)]
         error = reconstruction_error(model, features[rows])
         return error, {"mse": error}
 
     curve = fit(
         model,
         loss,
-        config=stage.fit,
+        config=section.fit,
         seed=setting.seed,
-        stage=STAGES["context"],
+        stream=stream("context"),
         label="context",
         work=setting.work,
         validate=lambda: {"mse": float(reconstruction_error(model, held_out))},
@@ -74,4 +90,4 @@ def train_context(
         "val_reconstruction_rmse": error**0.5,  # in grey levels of 0 to 255
         **probes,
     }
-    return Trained(model, None, curve, metrics)
+    return Trained(model, ContextSpec(net=section.net), curve, metrics)

@@ -5,40 +5,13 @@ from __future__ import annotations
 import math
 
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from elast_cli.config import StrictModel
-from elast_cli.models.nets import MAX_WIDTH, LatentScale, QuantileTable, mlp
-
-
-class DensityConfig(StrictModel):
-    """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
-
-    Where episodes differ in their context, a share `context_share` of the noise are transitions
-    that fit other contexts. With such noise, up to `lent_share` of the data are transitions of
-    other episodes that fit the context, too. Of the rest of the noise, a share `near_share` leads
-    to latents of the data within `near_radius` (in 95 % quantiles of the lengths of steps) of the
-    source. With neither, it is the paper's Gaussian noise.
-    """
-
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    depth: int = Field(default=2, ge=1, le=10, description="hidden layers")
-    noise_ratio: int = Field(default=10, ge=1)
-    noise_scale: float = Field(default=1.0, gt=0)
-    near_share: float = Field(default=0.8, ge=0, le=1)
-    near_radius: float = Field(default=1.25, gt=0)
-    context_share: float = Field(default=0.5, ge=0, le=1)
-    lent_share: float = Field(default=0.5, ge=0, le=1)
-
-    def elsewhere(self, context_size: int) -> int:
-        """How many of the ν false transitions fit other contexts, of `context_size` numbers."""
-        return round(self.context_share * self.noise_ratio) if context_size else 0
-
-    def near(self, context_size: int) -> int:
-        """How many of the ν false transitions lead to latents of the data near by."""
-        return round(self.near_share * (self.noise_ratio - self.elsewhere(context_size)))
+from elast_cli.models.density.config import DensityConfig
+from elast_cli.models.nets import LatentScale, QuantileTable, mlp
+from elast_cli.models.part import Sizes
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
@@ -111,3 +84,14 @@ class TransitionDensity(nn.Module):
         """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data."""
         ratio = self.log_ratio(z, z_next, context)
         return ratio if self.relative else ratio + self.log_noise(z, z_next)
+
+
+class DensitySpec(StrictModel):
+    """What is stored of ψ beside its weights."""
+
+    sizes: Sizes
+    net: DensityConfig
+
+    def build(self) -> TransitionDensity:
+        """ψ of this shape."""
+        return TransitionDensity(self.net, self.sizes.latent, self.sizes.context)

@@ -6,29 +6,31 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from elast_cli.config import StrictModel
-from elast_cli.models.density.net import DensityConfig, TransitionDensity, nce_loss
+from elast_cli.models.density.config import DensitySection
+from elast_cli.models.density.net import DensitySpec, TransitionDensity, nce_loss
 from elast_cli.models.density.noise import Noise, OtherContexts
 from elast_cli.models.ensemble.net import DynamicsEnsemble
-from elast_cli.models.fit import FitConfig
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
-from elast_cli.models.part import STAGES, Setting, Trained, seed_torch
+from elast_cli.models.part import Setting, Trained, seed_torch, stream
 from elast_cli.seeding import generator
 
 FARTHER = 0.1  # of a median step: how much farther a false step must get in another context
 ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs by half of it
 
 
-class DensityStage(StrictModel):
-    """Everything `train-density` needs."""
-
-    net: DensityConfig = DensityConfig()
-    fit: FitConfig = FitConfig(steps=5000, batch_size=512)
+def train(inputs: Inputs, section: DensitySection, setting: Setting) -> Trained:
+    """ψ, trained on latents; where there are contexts, with the ensemble's help."""
+    ensemble = None
+    if inputs.has("ensemble"):
+        ensemble = inputs.part("ensemble", SupportedDynamics).ensemble
+    return train_density(inputs.latents, section, setting, ensemble)
 
 
 def train_density(
     data: LatentData,
-    stage: DensityStage,
+    section: DensitySection,
     setting: Setting,
     ensemble: DynamicsEnsemble | None = None,
 ) -> Trained:
@@ -37,8 +39,8 @@ def train_density(
     Where there are contexts, `ensemble` says where steps lead in others.
     """
     seed_torch(setting.seed, "density")
-    psi = TransitionDensity(stage.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
-    ratio = stage.net.noise_ratio
+    psi = TransitionDensity(section.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
+    ratio = section.net.noise_ratio
     fit_scale(psi.scale, data)
     noise = _noise(data, psi, setting)
     others = _other_contexts(data, psi, ensemble)
@@ -64,21 +66,21 @@ def train_density(
         return nce_loss(log_ratio, zero, is_data, ratio), accuracy
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
-        value, accuracy = objective(data.batch(rng, size), rng, stage.net.lent_share)
+        value, accuracy = objective(data.batch(rng, size), rng, section.net.lent_share)
         return value, {"balanced_accuracy": accuracy}
 
     def validate(rows: Tensor) -> dict[str, float]:
-        value, accuracy = objective(rows, generator("train", 0, STAGES["density"]))
+        value, accuracy = objective(rows, generator("train", 0, stream("density")))
         return {"nce": float(value), "balanced_accuracy": float(accuracy)}
 
     curve = fit_on_latents(
-        psi, data, loss, validate, name="density", config=stage.fit, setting=setting
+        psi, data, loss, validate, name="density", config=section.fit, setting=setting
     )
     with torch.no_grad():
         z, _, context, z_next = data.transitions(data.val)
         psi.log_density_quantiles.fit(psi(z, z_next, context))
     metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
-    return Trained(psi, data.sizes, curve, metrics)
+    return Trained(psi, DensitySpec(sizes=data.sizes, net=section.net), curve, metrics)
 
 
 def _step_length(data: LatentData, share: float) -> float:
@@ -119,5 +121,5 @@ def _noise(data: LatentData, psi: TransitionDensity, setting: Setting) -> Noise:
         ratio=psi.config.noise_ratio - psi.config.elsewhere(contexts),
         near=psi.config.near(contexts),
         radius=psi.config.near_radius * _step_length(data, 0.95),
-        rng=generator("train", setting.seed, STAGES["density"]),
+        rng=generator("train", setting.seed, stream("density")),
     )

@@ -2,43 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
 from elast_cli.config import StrictModel
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
 from elast_cli.models.encoder.isometry import isometry_loss
-from elast_cli.models.encoder.net import Encoder, EncoderConfig
-from elast_cli.models.nets import MAX_WIDTH, ForwardModel, LatentScale, QuantileTable
-
-
-class CpcConfig(StrictModel):
-    """The objective of Eq. 4; k and K_h are not stated in the paper's main text.
-
-    `negatives` are the last states of the batch's other windows, or all states of all windows. The
-    latter differ from the positive by few steps, so that telling them apart asks for fine detail.
-
-    With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
-    close together in latent space, searched for anew every `refresh` steps.
-
-    With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
-    `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
-    apart in these images (`models/isometry.py`).
-    """
-
-    horizon: int = Field(default=3, ge=1, le=20)
-    consistency_weight: float = Field(default=4.0, ge=0)
-    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    still_share: float = Field(default=0.5, ge=0, le=1)
-    negatives: Literal["last", "window"] = "last"
-    lookalikes: int = Field(default=1, ge=1, le=1024)
-    refresh: int = Field(default=250, ge=1)
-    isometry_weight: float = Field(default=0.0, ge=0)
-    isometry_blur: float = Field(default=5.0, gt=0)
-    isometry_reach: float = Field(default=6.0, gt=0)
+from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.nets import ForwardModel, LatentScale, QuantileTable
+from elast_cli.models.part import Sizes
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -99,3 +72,15 @@ def cpc_loss(
         isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
         total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
     return total, parts
+
+
+class EncoderSpec(StrictModel):
+    """What is stored of φ and h_f beside its weights."""
+
+    sizes: Sizes
+    net: EncoderConfig
+    cpc: CpcConfig
+
+    def build(self) -> Representation:
+        """φ and h_f of this shape."""
+        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)

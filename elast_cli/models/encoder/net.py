@@ -2,29 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import Field
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
-from elast_cli.models.nets import MAX_WIDTH, PooledImages, mlp
-
-
-class EncoderConfig(StrictModel):
-    """Shape of φ. The paper's appendix has its sizes; these are our choice.
-
-    With `frames` 1, φ sees only the last frame of a state: for worlds where nothing moves by itself
-    and one frame shows all there is to know. With `whiten`, faint hues count as much as brightness.
-    """
-
-    architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
-    latent_size: int = Field(default=8, gt=0, le=256)
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    pool: Literal[1, 2, 4, 8] = 4
-    frames: Literal[1, 3] = 3
-    whiten: bool = False
-    channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
+from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.models.nets import PooledImages, mlp
 
 
 class Encoder(PooledImages):

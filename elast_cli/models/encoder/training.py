@@ -4,47 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from pydantic import model_validator
 from torch import Tensor
 
-from elast_cli.config import StrictModel
 from elast_cli.data.dataset import Dataset
 from elast_cli.errors import DataError
-from elast_cli.models.encoder.cpc import CpcConfig, Representation, cpc_loss
+from elast_cli.models.encoder.config import EncoderSection
+from elast_cli.models.encoder.cpc import EncoderSpec, Representation, cpc_loss
 from elast_cli.models.encoder.encode import encode, latents
 from elast_cli.models.encoder.hard_negatives import Lookalikes, Starts
-from elast_cli.models.encoder.net import EncoderConfig
 from elast_cli.models.encoder.windows import FrameWindows, frame_features
-from elast_cli.models.fit import FitConfig, fit
+from elast_cli.models.fit import fit
+from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import VALIDATION_ROWS, LatentData
-from elast_cli.models.part import STAGES, Setting, Sizes, Trained, seed_torch
+from elast_cli.models.part import Setting, Sizes, Trained, seed_torch, stream
 from elast_cli.models.probe import probe_state
 from elast_cli.seeding import generator
 
 
-class EncoderStage(StrictModel):
-    """Everything `train-encoder` needs."""
-
-    net: EncoderConfig = EncoderConfig()
-    cpc: CpcConfig = CpcConfig()
-    fit: FitConfig = FitConfig(steps=8000, batch_size=256)
-
-    @model_validator(mode="after")
-    def _resumable(self) -> EncoderStage:
-        if self.cpc.lookalikes > 1 and self.fit.save_every % self.cpc.refresh:
-            raise ValueError("fit.save_every must be a multiple of cpc.refresh, to be resumable")
-        return self
+def train(inputs: Inputs, section: EncoderSection, setting: Setting) -> Trained:
+    """φ and h_f, trained on frames."""
+    return train_encoder(inputs.dataset, inputs.context, section, setting)
 
 
 def train_encoder(
-    dataset: Dataset, context: Tensor, stage: EncoderStage, setting: Setting
+    dataset: Dataset, context: Tensor, section: EncoderSection, setting: Setting
 ) -> Trained:
     """Train φ and h_f on Eq. 4, then measure the latents: step lengths, probes of the true state.
 
     Args:
         dataset: random interaction data.
         context: context vector of each episode [E,C].
-        stage: configuration.
+        section: configuration.
         setting: seed, device, folder.
 
     Raises:
@@ -52,47 +42,48 @@ def train_encoder(
     """
     seed_torch(setting.seed, "encoder")
     action_size = dataset.action.shape[1]
-    model = Representation(stage.net, stage.cpc, action_size, context.shape[1]).to(setting.device)
+    model = Representation(section.net, section.cpc, action_size, context.shape[1])
+    model.to(setting.device)
     train, val = dataset.split(setting.validation_share, setting.seed)
     features = frame_features(dataset, model.encoder).to(setting.device)
     windows = FrameWindows(dataset, features, context.to(setting.device))
-    horizon = stage.cpc.horizon
+    horizon = section.cpc.horizon
     starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
     if not (len(starts) and len(held_out)):
         raise DataError(
             f"no episode is longer than encoder.cpc.horizon, {horizon} steps; collect longer ones "
             "(--set collect.episode_steps=50)"
         )
-    sample = generator("train", setting.seed, STAGES["encoder"]).choice(starts, 4096)
+    sample = generator("train", setting.seed, stream("encoder")).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
     batches: Starts | Lookalikes = Starts(starts)
-    if stage.cpc.lookalikes > 1:
+    if section.cpc.lookalikes > 1:
         batches = Lookalikes(
             starts,
             lambda rows: latents(model, windows, rows + horizon).cpu().numpy(),
-            group=stage.cpc.lookalikes,
-            refresh=stage.cpc.refresh,
+            group=section.cpc.lookalikes,
+            refresh=section.cpc.refresh,
         )
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
-        rows = batches.batch(rng, stage.fit.batch_size)
-        still = rng.random((len(rows), horizon + 1)) < stage.cpc.still_share
-        return cpc_loss(model, *windows.window(rows, horizon, still), stage.cpc)
+        rows = batches.batch(rng, section.fit.batch_size)
+        still = rng.random((len(rows), horizon + 1)) < section.cpc.still_share
+        return cpc_loss(model, *windows.window(rows, horizon, still), section.cpc)
 
     def validate() -> dict[str, float]:
         parts = [
-            cpc_loss(model, *windows.window(rows, horizon), stage.cpc)[1]
-            for rows in np.array_split(check, max(1, len(check) // stage.fit.batch_size))
+            cpc_loss(model, *windows.window(rows, horizon), section.cpc)[1]
+            for rows in np.array_split(check, max(1, len(check) // section.fit.batch_size))
         ]
         return {k: float(torch.stack([p[k] for p in parts]).mean()) for k in parts[0]}
 
     curve = fit(
         model,
         loss,
-        config=stage.fit,
+        config=section.fit,
         seed=setting.seed,
-        stage=STAGES["encoder"],
+        stream=stream("encoder"),
         label="encoder",
         work=setting.work,
         validate=validate,
@@ -103,12 +94,13 @@ def train_encoder(
     model.scale.fit(z, z_next)
     model.step_length_quantiles.fit((z_next - z).norm(dim=1))
     sizes = Sizes(
-        latent=stage.net.latent_size,
+        latent=section.net.latent_size,
         action=action_size,
         context=context.shape[1],
         state=dataset.state.shape[1],
     )
-    return Trained(model, sizes, curve, _encoder_metrics(model, data, dataset, curve))
+    spec = EncoderSpec(sizes=sizes, net=section.net, cpc=section.cpc)
+    return Trained(model, spec, curve, _encoder_metrics(model, data, dataset, curve))
 
 
 def _encoder_metrics(

@@ -5,20 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
-from elast_cli.models.nets import MAX_WIDTH, EnsembleLinear, LatentScale, QuantileTable
-
-
-class EnsembleConfig(StrictModel):
-    """Size of H_f; m is not stated in the paper's main text."""
-
-    members: int = Field(default=5, ge=1, le=100)
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    depth: int = Field(default=2, ge=1, le=10, description="hidden layers of a member")
-    support_size: int = Field(default=10_000, ge=100, le=10_000_000)
+from elast_cli.models.ensemble.config import EnsembleConfig
+from elast_cli.models.nets import EnsembleLinear, LatentScale, QuantileTable
 
 
 class DynamicsEnsemble(nn.Module):

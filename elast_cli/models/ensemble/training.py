@@ -6,27 +6,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from elast_cli.config import StrictModel
-from elast_cli.models.ensemble.net import EnsembleConfig
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.fit import FitConfig
+from elast_cli.models.ensemble.config import EnsembleSection
+from elast_cli.models.ensemble.support import EnsembleSpec, SupportedDynamics
+from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
-from elast_cli.models.part import STAGES, Setting, Trained, seed_torch
+from elast_cli.models.part import Setting, Trained, seed_torch, stream
 from elast_cli.seeding import generator
 
 
-class EnsembleStage(StrictModel):
-    """Everything `train-ensemble` needs."""
-
-    net: EnsembleConfig = EnsembleConfig()
-    fit: FitConfig = FitConfig(steps=10_000, batch_size=512)
+def train(inputs: Inputs, section: EnsembleSection, setting: Setting) -> Trained:
+    """H_f and its support, trained on latents."""
+    return train_ensemble(inputs.latents, section, setting)
 
 
-def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> Trained:
+def train_ensemble(data: LatentData, section: EnsembleSection, setting: Setting) -> Trained:
     """Train H_f's members, each on its own batches, then calibrate variance and support."""
     seed_torch(setting.seed, "ensemble")
-    size = min(stage.net.support_size, len(data.train))
-    config, sizes = stage.net.model_copy(update={"support_size": size}), data.sizes
+    size = min(section.net.support_size, len(data.train))
+    config, sizes = section.net.model_copy(update={"support_size": size}), data.sizes
     dynamics = SupportedDynamics(
         config,
         latent_size=sizes.latent,
@@ -36,7 +33,7 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
     ).to(setting.device)
     model = dynamics.ensemble
     fit_scale(model.scale, data)
-    members = stage.net.members
+    members = section.net.members
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
         rows = data.batch(rng, members * size)
@@ -52,10 +49,10 @@ def train_ensemble(data: LatentData, stage: EnsembleStage, setting: Setting) -> 
         return {"mse": float(((predicted - z_next) / model.scale.step).square().mean())}
 
     curve = fit_on_latents(
-        model, data, loss, validate, name="ensemble", config=stage.fit, setting=setting
+        model, data, loss, validate, name="ensemble", config=section.fit, setting=setting
     )
     metrics = {"val_mse": curve[-1]["val_mse"], **_calibrate_dynamics(dynamics, data, setting)}
-    return Trained(dynamics, sizes, curve, metrics)
+    return Trained(dynamics, EnsembleSpec(sizes=sizes, net=config), curve, metrics)
 
 
 @torch.no_grad()
@@ -64,7 +61,7 @@ def _calibrate_dynamics(
 ) -> dict[str, float]:
     """Fill the support and both quantile tables; returns held-out errors in median steps."""
     support = dynamics.support
-    rng = generator("train", setting.seed, STAGES["ensemble"])
+    rng = generator("train", setting.seed, stream("ensemble"))
     pick = rng.choice(len(data.train), len(support.rows), replace=False)
     rows = data.train[torch.from_numpy(np.sort(pick)).to(data.train.device)]
     support.rows.copy_(rows)

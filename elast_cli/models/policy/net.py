@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
-from elast_cli.models.nets import MAX_WIDTH, LatentScale, QuantileTable, mlp
-
-
-class PolicyConfig(StrictModel):
-    """Size of π."""
-
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+from elast_cli.models.nets import LatentScale, QuantileTable, mlp
+from elast_cli.models.part import Sizes
+from elast_cli.models.policy.config import PolicyConfig
 
 
 class LocalPolicy(nn.Module):
@@ -34,3 +29,15 @@ class LocalPolicy(nn.Module):
         step = (z_next - z) / self.scale.step
         out: Tensor = self.net(torch.cat([self.scale(z), step, context], dim=1))
         return torch.tanh(out.float())
+
+
+class PolicySpec(StrictModel):
+    """What is stored of π beside its weights."""
+
+    sizes: Sizes
+    net: PolicyConfig
+
+    def build(self) -> LocalPolicy:
+        """π of this shape."""
+        sizes = self.sizes
+        return LocalPolicy(self.net, sizes.latent, sizes.action, sizes.context)

@@ -6,28 +6,28 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from elast_cli.config import StrictModel
 from elast_cli.models.ensemble.net import DynamicsEnsemble
-from elast_cli.models.fit import FitConfig
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
 from elast_cli.models.part import Setting, Trained, seed_torch
-from elast_cli.models.policy.net import LocalPolicy, PolicyConfig
+from elast_cli.models.policy.config import PolicySection
+from elast_cli.models.policy.net import LocalPolicy, PolicySpec
 
 
-class PolicyStage(StrictModel):
-    """Everything `train-policy` needs."""
-
-    net: PolicyConfig = PolicyConfig()
-    fit: FitConfig = FitConfig(steps=6000, batch_size=512)
+def train(inputs: Inputs, section: PolicySection, setting: Setting) -> Trained:
+    """π, trained on latents and calibrated by the ensemble."""
+    ensemble = inputs.part("ensemble", SupportedDynamics).ensemble
+    return train_policy(inputs.latents, ensemble, section, setting)
 
 
 def train_policy(
-    data: LatentData, ensemble: DynamicsEnsemble, stage: PolicyStage, setting: Setting
+    data: LatentData, ensemble: DynamicsEnsemble, section: PolicySection, setting: Setting
 ) -> Trained:
     """Train π on one-step transitions, then calibrate the round trip through H_f."""
     seed_torch(setting.seed, "policy")
     sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
-    model = LocalPolicy(stage.net, *sizes).to(setting.device)
+    model = LocalPolicy(section.net, *sizes).to(setting.device)
     fit_scale(model.scale, data)
 
     def error(rows: Tensor) -> Tensor:
@@ -45,7 +45,7 @@ def train_policy(
         loss,
         lambda rows: {"mse": float(error(rows))},
         name="policy",
-        config=stage.fit,
+        config=section.fit,
         setting=setting,
     )
     with torch.no_grad():
@@ -58,4 +58,4 @@ def train_policy(
         "val_mse": curve[-1]["val_mse"],
         "val_round_trip_in_steps": float(miss.mean()) / length,
     }
-    return Trained(model, data.sizes, curve, metrics)
+    return Trained(model, PolicySpec(sizes=data.sizes, net=section.net), curve, metrics)

@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import nn
 
+from elast_cli.models.context.config import ContextConfig
 from elast_cli.models.context.net import (
     ContextAutoencoder,
-    ContextConfig,
     context_vectors,
     reconstruction_error,
     reconstructions,

@@ -9,21 +9,16 @@ import pytest
 import torch
 
 from elast_cli.models.context import training as context_training
-from elast_cli.models.context.net import (
-    ContextAutoencoder,
-    ContextConfig,
-    context_vectors,
-    reconstruction_error,
-)
-from elast_cli.models.context.training import ContextStage, train_context
-from elast_cli.models.fit import FitConfig
-from elast_cli.models.part import Setting, Trained
+from elast_cli.models.context.config import ContextConfig, ContextSection
+from elast_cli.models.context.net import ContextAutoencoder, context_vectors, reconstruction_error
+from elast_cli.models.context.training import train_context
+from elast_cli.models.part import FitConfig, Setting, Trained
 from elast_cli.progress import Silent
 from elast_cli.shapes import Uint8
 
 EPISODES = 300
 SPLIT = (np.arange(270), np.arange(270, 300))
-STAGE = ContextStage(
+STAGE = ContextSection(
     net=ContextConfig(latent_size=4, channels=8, pool=4),
     fit=FitConfig(steps=300, batch_size=64, learning_rate=3e-3, save_every=100),
 )

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from elast_cli.models.density import noise as module
 from elast_cli.models.density.noise import FEWEST, Noise, OtherContexts
-from elast_cli.models.ensemble.net import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.ensemble.config import EnsembleConfig
+from elast_cli.models.ensemble.net import DynamicsEnsemble
 
 RADIUS = 0.5
 

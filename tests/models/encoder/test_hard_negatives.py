@@ -7,8 +7,8 @@ import pytest
 
 from elast_cli.config import validate
 from elast_cli.errors import ConfigError
+from elast_cli.models.encoder.config import EncoderSection
 from elast_cli.models.encoder.hard_negatives import Lookalikes
-from elast_cli.models.encoder.training import EncoderStage
 from elast_cli.shapes import Float32, Int64
 
 STARTS = np.arange(0, 4000, 2)
@@ -56,6 +56,6 @@ def test_an_interruption_at_a_refresh_changes_nothing() -> None:
 def test_checkpoints_lie_where_the_search_is_renewed() -> None:
     config = {"cpc": {"lookalikes": 8, "refresh": 300}, "fit": {"steps": 9, "batch_size": 16}}
     with pytest.raises(ConfigError, match=r"save_every"):
-        validate(EncoderStage, config, where="test")
+        validate(EncoderSection, config, where="test")
     config["cpc"]["refresh"] = 250
-    validate(EncoderStage, config, where="test")
+    validate(EncoderSection, config, where="test")

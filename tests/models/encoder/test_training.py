@@ -13,27 +13,30 @@ from torch import Tensor
 
 from elast_cli.data.dataset import Dataset
 from elast_cli.errors import DataError
-from elast_cli.models.density.net import DensityConfig, TransitionDensity
+from elast_cli.models.density.config import DensityConfig, DensitySection
+from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.density.noise import OtherContexts
-from elast_cli.models.density.training import DensityStage, train_density
-from elast_cli.models.encoder.cpc import CpcConfig, Representation
+from elast_cli.models.density.training import train_density
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSection
+from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.encoder.hard_negatives import Starts
-from elast_cli.models.encoder.net import Encoder, EncoderConfig
-from elast_cli.models.encoder.training import EncoderStage, train_encoder
+from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.encoder.training import train_encoder
 from elast_cli.models.encoder.windows import FrameWindows, frame_features
-from elast_cli.models.ensemble.net import DynamicsEnsemble, EnsembleConfig
+from elast_cli.models.ensemble.config import EnsembleConfig, EnsembleSection
+from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.ensemble.training import EnsembleStage, train_ensemble
-from elast_cli.models.fit import FitConfig
+from elast_cli.models.ensemble.training import train_ensemble
 from elast_cli.models.latents import LatentData
-from elast_cli.models.part import Setting, Trained
-from elast_cli.models.policy.net import LocalPolicy, PolicyConfig
-from elast_cli.models.policy.training import PolicyStage, train_policy
+from elast_cli.models.part import FitConfig, Setting, Trained
+from elast_cli.models.policy.config import PolicyConfig, PolicySection
+from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.policy.training import train_policy
 from elast_cli.progress import Silent
 
 EPISODES, ROWS = 30, 21
-ENCODER = EncoderStage(
+ENCODER = EncoderSection(
     net=EncoderConfig(latent_size=3, width=32, pool=4),
     cpc=CpcConfig(horizon=2, dynamics_width=32),
     fit=FitConfig(steps=150, batch_size=64, learning_rate=3e-3, log_every=25),
@@ -91,20 +94,20 @@ def data(dataset: Dataset, context: torch.Tensor, work: Path, encoder: Trained) 
 
 @pytest.fixture(scope="module")
 def ensemble(data: LatentData, work: Path) -> Trained:
-    stage = EnsembleStage(net=EnsembleConfig(members=3, width=32, support_size=200), fit=FIT)
+    stage = EnsembleSection(net=EnsembleConfig(members=3, width=32, support_size=200), fit=FIT)
     return train_ensemble(data, stage, setting(work / "ensemble"))
 
 
 @pytest.fixture(scope="module")
 def density(data: LatentData, work: Path) -> Trained:
-    stage = DensityStage(net=DensityConfig(width=32, noise_ratio=4), fit=FIT)
+    stage = DensitySection(net=DensityConfig(width=32, noise_ratio=4), fit=FIT)
     return train_density(data, stage, setting(work / "density"))
 
 
 @pytest.fixture(scope="module")
 def policy(data: LatentData, ensemble: Trained, work: Path) -> Trained:
     assert isinstance(ensemble.module, SupportedDynamics)
-    stage = PolicyStage(net=PolicyConfig(width=32), fit=FIT)
+    stage = PolicySection(net=PolicyConfig(width=32), fit=FIT)
     return train_policy(data, ensemble.module.ensemble, stage, setting(work / "policy"))
 
 
@@ -285,7 +288,7 @@ def test_the_support_holds_training_states_and_is_calibrated_on_predictions(
 
 
 def test_the_support_is_never_larger_than_the_data(data: LatentData, tmp_path: Path) -> None:
-    stage = EnsembleStage(
+    stage = EnsembleSection(
         net=EnsembleConfig(members=1, width=8), fit=FitConfig(steps=1, batch_size=4)
     )
     trained = train_ensemble(data, stage, setting(tmp_path))
@@ -319,7 +322,7 @@ def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
     differing = replace(data, context=torch.rand(len(data.z), 2))
 
     def weights(data: LatentData, share: float, dynamics: DynamicsEnsemble | None) -> Tensor:
-        stage = DensityStage(net=DensityConfig(width=8, context_share=share), fit=fit)
+        stage = DensitySection(net=DensityConfig(width=8, context_share=share), fit=fit)
         work = setting(tmp_path / f"{len(data.context.T)} {share}")
         weight: Tensor = train_density(data, stage, work, dynamics).module.get_parameter(
             "first.weight"
@@ -362,7 +365,7 @@ def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_len
         patch.setattr(OtherContexts, "lent", lent)
         patch.setattr(TransitionDensity, "log_ratio", log_ratio)
         net = DensityConfig(width=8, lent_share=0.25)
-        stage = DensityStage(net=net, fit=FitConfig(steps=3, batch_size=16))
+        stage = DensitySection(net=net, fit=FitConfig(steps=3, batch_size=16))
         train_density(data, stage, setting(tmp_path), dynamics)
     assert shares.count(0.25) == 3
     assert len(seen) == len(shares)
@@ -388,7 +391,7 @@ def test_the_policy_learns_and_calibrates_its_round_trip(
 def test_the_same_seed_trains_the_same_weights_and_another_seed_others(
     data: LatentData, tmp_path: Path
 ) -> None:
-    stage = DensityStage(net=DensityConfig(width=8), fit=FitConfig(steps=5, batch_size=16))
+    stage = DensitySection(net=DensityConfig(width=8), fit=FitConfig(steps=5, batch_size=16))
 
     def weights(name: str, seed: int) -> dict[str, Any]:
         return train_density(data, stage, setting(tmp_path / name, seed)).module.state_dict()
@@ -428,13 +431,13 @@ def test_every_stage_trains_in_bfloat16_to_about_the_same(
             trained = train_encoder(dataset, context, ENCODER.model_copy(update=fit), here)
         elif stage == "ensemble":
             net = EnsembleConfig(members=2, width=32, support_size=200)
-            trained = train_ensemble(data, EnsembleStage(net=net, fit=short), here)
+            trained = train_ensemble(data, EnsembleSection(net=net, fit=short), here)
         elif stage == "density":
             net_of_psi = DensityConfig(width=32, noise_ratio=4)
-            trained = train_density(data, DensityStage(net=net_of_psi, fit=short), here)
+            trained = train_density(data, DensitySection(net=net_of_psi, fit=short), here)
         else:
             net_of_pi = PolicyConfig(width=32)
-            policy = PolicyStage(net=net_of_pi, fit=short)
+            policy = PolicySection(net=net_of_pi, fit=short)
             trained = train_policy(data, dynamics.ensemble, policy, here)
         weights = list(trained.module.parameters())
         assert {p.dtype for p in weights} == {torch.float32}

@@ -1,0 +1,174 @@
+"""The table of learned parts: light and lazy, and all that the rest of elast knows of them.
+
+From a row derive the section of presets, the command `train-<kind>`, the flag `--<kind>`, the order
+of stages, what is missing, loading and saving. A new part is one module or folder, and one row.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from elast_cli.errors import UsageError, suggestion
+
+if TYPE_CHECKING:
+    from elast_cli.models.inputs import Inputs
+    from elast_cli.models.part import Section, Setting, Trained
+
+DATASET = "dataset"
+CONTEXT = "context"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One learned part. Classes and functions are named `module:name`, and imported when needed.
+
+    Attributes:
+        kind: the kind of its artifacts, its section, and the word in commands and flags.
+        about: one line for `--help`.
+        needs: kinds that it is trained on, `dataset` among them.
+        needs_where_context: further ones where episodes differ in their context.
+        section_class: its section of presets, a `Section`; imports no torch.
+        spec_class: a StrictModel with `build`, see `ModelSpec`.
+        trainer: called as trainer(inputs, section, setting), returns a `Trained`.
+    """
+
+    kind: str
+    about: str
+    needs: tuple[str, ...]
+    section_class: str
+    spec_class: str
+    trainer: str
+    needs_where_context: tuple[str, ...] = ()
+
+    @property
+    def section(self) -> type[Section]:
+        """The class of its section."""
+        found: type[Section] = imported(self.section_class)
+        return found
+
+    @property
+    def spec(self) -> type[Any]:
+        """The class of what is stored beside its weights."""
+        found: type[Any] = imported(self.spec_class)
+        return found
+
+    @property
+    def train(self) -> Callable[[Inputs, Any, Setting], Trained]:
+        """Trains the part on its inputs, by its section."""
+        found: Callable[[Inputs, Any, Setting], Trained] = imported(self.trainer)
+        return found
+
+
+PARTS: dict[str, Part] = {}
+
+
+def register(part: Part) -> None:
+    """Add a row to the table, behind all that it needs.
+
+    Raises:
+        ValueError: the kind is taken, or it needs a kind that is not there.
+    """
+    if part.kind in PARTS or part.kind == DATASET:
+        raise ValueError(f"there is a part {part.kind!r} already")
+    for need in (*part.needs, *part.needs_where_context):
+        if need not in PARTS and need != DATASET:
+            raise ValueError(f"part {part.kind!r} needs {need!r}, which is not in the table")
+    PARTS[part.kind] = part
+
+
+def part_named(kind: str) -> Part:
+    """The row of a kind. Raises UsageError, which names the kinds there are, if there is none."""
+    if kind not in PARTS:
+        raise UsageError(
+            f"unknown part {kind!r}{suggestion(kind, PARTS)}; choose {', '.join(PARTS)}"
+        )
+    return PARTS[kind]
+
+
+def kinds() -> list[str]:
+    """The dataset and all parts, each behind what it needs."""
+    return [DATASET, *PARTS]
+
+
+def needs(kind: str, *, has_context: bool) -> list[str]:
+    """What a kind is made from, in the order of the table.
+
+    `context` is left out, and so is what only contexts ask for, where `has_context` is false.
+    """
+    if kind == DATASET:
+        return []
+    part = part_named(kind)
+    wanted = {*part.needs, *(part.needs_where_context if has_context else ())}
+    return present([other for other in kinds() if other in wanted], has_context=has_context)
+
+
+def closure(wanted: Sequence[str], *, has_context: bool = True) -> list[str]:
+    """These kinds and all that they are made from, in the order of the table."""
+    found = set(present(wanted, has_context=has_context))
+    for kind in reversed(kinds()):
+        if kind in found:
+            found |= set(needs(kind, has_context=has_context))
+    return [kind for kind in kinds() if kind in found]
+
+
+def present(wanted: Sequence[str], *, has_context: bool) -> list[str]:
+    """The kinds that there can be: no `context` where episodes do not differ in theirs."""
+    return [kind for kind in wanted if kind != CONTEXT or has_context]
+
+
+def imported(name: str) -> Any:
+    """What `module:name` names."""
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _rows() -> Iterator[Part]:
+    here = "elast_cli.models"
+    yield Part(
+        kind=CONTEXT,
+        about="Train the context autoencoder, where obstacles change with the episode.",
+        needs=(DATASET,),
+        section_class=f"{here}.context.config:ContextSection",
+        spec_class=f"{here}.context.net:ContextSpec",
+        trainer=f"{here}.context.training:train",
+    )
+    yield Part(
+        kind="encoder",
+        about="Train the encoder with its forward model (contrastive predictive coding).",
+        needs=(DATASET, CONTEXT),
+        section_class=f"{here}.encoder.config:EncoderSection",
+        spec_class=f"{here}.encoder.cpc:EncoderSpec",
+        trainer=f"{here}.encoder.training:train",
+    )
+    yield Part(
+        kind="ensemble",
+        about="Train the ensemble of latent dynamics.",
+        needs=(DATASET, CONTEXT, "encoder"),
+        section_class=f"{here}.ensemble.config:EnsembleSection",
+        spec_class=f"{here}.ensemble.support:EnsembleSpec",
+        trainer=f"{here}.ensemble.training:train",
+    )
+    yield Part(
+        kind="density",
+        about="Train the transition density (noise-contrastive estimation).",
+        needs=(DATASET, CONTEXT, "encoder"),
+        needs_where_context=("ensemble",),  # its noise asks H_f
+        section_class=f"{here}.density.config:DensitySection",
+        spec_class=f"{here}.density.net:DensitySpec",
+        trainer=f"{here}.density.training:train",
+    )
+    yield Part(
+        kind="policy",
+        about="Train the local policy that leads from one latent to the next.",
+        needs=(DATASET, CONTEXT, "encoder", "ensemble"),
+        section_class=f"{here}.policy.config:PolicySection",
+        spec_class=f"{here}.policy.net:PolicySpec",
+        trainer=f"{here}.policy.training:train",
+    )
+
+
+for _part in _rows():
+    register(_part)
