@@ -56,13 +56,12 @@ def graph(
 ) -> Iterator[tuple[K, R]]:
     """`task(item(key))` of every key, as they complete; a key's turn comes after all its needs.
 
-    The caller has the results of a key's needs when `item` is called for it. While only one key can
-    be worked on, that is done in this process; at other times in `workers` processes. A key whose
-    worker was killed is given to another one, so tasks must bear a repetition.
+    The caller has the results of a key's needs when `item` is called for it. A single key that can
+    be worked on is, in this process; several in `workers` processes. A key whose worker was killed
+    is given to another one, so tasks must bear a repetition.
 
     Args:
-        needs: the keys, in the order of preference, and what each waits for; needs that are no keys
-            count as done.
+        needs: the keys in order, and what each waits for; needs that are no keys count as done.
         item: what a task is given, asked for when its turn comes.
         task: sent to workers, with its item.
         workers: most processes at a time.

@@ -1,150 +1,83 @@
 """The only training loop: Adam with a one-cycle rate, resumable at any step.
 
-A batch is a pure function of (seed, stream, step), so a killed run that resumes from its last
+A batch is a pure function of (seed, part, step), so a killed run that resumes from its last
 checkpoint ends with the same weights as one that was never interrupted.
 """
 
 from __future__ import annotations
 
 import csv
-import io
-import pickle
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from elast_cli.errors import DataError
-from elast_cli.files import whole_file
-from elast_cli.models.part import FitConfig
-from elast_cli.progress import Progress
+from elast_cli.models.checkpoint import TrainingState
+from elast_cli.models.part import FitConfig, Setting, stream
+from elast_cli.models.precision import resolved
 from elast_cli.seeding import generator
 
 Loss = Callable[[np.random.Generator], tuple[Tensor, Mapping[str, Tensor]]]
 Validate = Callable[[], Mapping[str, float]]
 
-CHECKPOINT = "checkpoint.pt"
 METRICS = "metrics.csv"
-# what reading a damaged checkpoint may raise
-_DAMAGE = (
-    AttributeError,
-    EOFError,
-    LookupError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    pickle.UnpicklingError,
-)
-
-
-class _Run:
-    """Model, optimizer and schedule at one step, saved and restored together."""
-
-    def __init__(self, module: nn.Module, config: FitConfig, work: Path) -> None:
-        self.module, self.config, self.work = module, config, work
-        parameters = [p for p in module.parameters() if p.requires_grad]
-        self.optimizer = torch.optim.Adam(
-            parameters, lr=config.learning_rate, weight_decay=config.weight_decay
-        )
-        self.schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self.optimizer, max_lr=config.learning_rate, total_steps=config.steps + 1
-        )
-        self.step = 0
-        self.rows: list[dict[str, float]] = []
-
-    def save(self) -> None:
-        """Write everything beside, flush it to disk, then rename over the last checkpoint."""
-        state = {
-            "model": self.module.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "schedule": self.schedule.state_dict(),
-            "step": self.step,
-            "rows": self.rows,
-        }
-        with whole_file(self.work / CHECKPOINT) as file:
-            torch.save(state, file)
-
-    def restore(self) -> bool:
-        """Continue from the last checkpoint of this run; False where there is none.
-
-        Raises:
-            DataError: the checkpoint is damaged.
-        """
-        path = self.work / CHECKPOINT
-        if not path.exists():
-            return False
-        content = io.BytesIO(path.read_bytes())  # so that no damage looks like a disk error
-        try:
-            state: dict[str, Any] = torch.load(content, weights_only=True)
-            self.module.load_state_dict(state["model"])
-            self.optimizer.load_state_dict(state["optimizer"])
-            self.schedule.load_state_dict(state["schedule"])
-            self.step, self.rows = state["step"], state["rows"]
-        except _DAMAGE as reason:
-            raise DataError(
-                f"{path}: a damaged checkpoint ({type(reason).__name__}); "
-                "the same command with --fresh begins this training anew"
-            ) from None
-        return True
-
-    def advance(self, loss: Tensor) -> None:
-        """One gradient step."""
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimizer.step()
-        self.schedule.step()
-        self.step += 1
 
 
 def fit(
+    kind: str,
     module: nn.Module,
     loss: Loss,
+    validate: Validate,
     *,
     config: FitConfig,
-    seed: int,
-    stream: int,
-    label: str,
-    work: Path,
-    validate: Validate,
-    progress: Progress,
+    setting: Setting,
 ) -> list[dict[str, float]]:
     """Train `module` in place and return the rows of its metrics, one per `log_every` steps.
 
     Args:
+        kind: of the part; names its random stream and its progress bar.
         module: what to train; moved to its device already.
         loss: draws a batch from the generator it is given and returns the loss and its parts.
-        config: steps, rate, intervals.
-        seed: the training seed.
-        stream: number of the part's random stream, no two parts share one.
-        label: what the progress bar says.
-        work: folder of this run's checkpoint, kept when the process is killed.
         validate: metrics on held-out data, called at every logged step.
-        progress: where steps are shown.
+        config: steps, rate, intervals.
+        setting: seed, folder of the checkpoint, progress.
+
+    Raises:
+        DataError: the loss is not finite, or the checkpoint is damaged.
     """
-    run = _Run(module, config, work)
-    device = next(module.parameters()).device.type
-    low = config.precision == "bfloat16"
-    if run.restore():
-        progress.note(f"{label}: resuming at step {run.step} of {config.steps}")
+    state = TrainingState(module, config, setting.work)
+    low = resolved(config.precision, setting.device.type) == "bfloat16"
+    if state.restore():
+        setting.progress.note(f"{kind}: resuming at step {state.step} of {config.steps}")
     module.train()
-    with progress.task(label, config.steps) as advance:
-        advance(run.step)
-        while run.step < config.steps:
-            with torch.autocast(device, torch.bfloat16, enabled=low):
-                value, parts = loss(generator("train", seed, stream, run.step))
-            run.advance(value)
+    with setting.progress.task(kind, config.steps) as advance:
+        advance(state.step)
+        while state.step < config.steps:
+            with torch.autocast(setting.device.type, torch.bfloat16, enabled=low):
+                value, parts = loss(generator("train", setting.seed, stream(kind), state.step))
+            _refuse_infinite(kind, value, state)
+            state.advance(value)
             advance(1)
-            if run.step % config.log_every == 0 or run.step == config.steps:
-                run.rows.append(_row(run.step, value, parts, validate))
-            if run.step % config.save_every == 0 and run.step < config.steps:
-                run.save()
+            if state.step % config.log_every == 0 or state.step == config.steps:
+                state.rows.append(_row(state.step, value, parts, validate))
+            if state.step % config.save_every == 0 and state.step < config.steps:
+                state.save()
     if low:
         round_weights(module)
     module.eval()
-    return run.rows
+    return state.rows
+
+
+def _refuse_infinite(kind: str, value: Tensor, state: TrainingState) -> None:
+    """Raise DataError if a loss is not finite; the last checkpoint stays."""
+    if not torch.isfinite(value):
+        raise DataError(
+            f"{kind}: the loss is {value.item()} at step {state.step}, learning rate "
+            f"{state.learning_rate:.2g}; lower it: --set {kind}.fit.learning_rate=... --fresh"
+        )
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from elast_cli.models.fit import fit
 from elast_cli.models.nets import LatentScale
-from elast_cli.models.part import FitConfig, Setting, Sizes, stream
+from elast_cli.models.part import FitConfig, Setting, Sizes
 
 VALIDATION_ROWS = 2048
 
@@ -58,27 +58,27 @@ class LatentData:
 
 
 def fit_on_latents(
+    kind: str,
     module: nn.Module,
     data: LatentData,
     loss: Callable[[np.random.Generator, int], tuple[Tensor, dict[str, Tensor]]],
     validate: Callable[[Tensor], dict[str, float]],
     *,
-    name: str,
     config: FitConfig,
     setting: Setting,
 ) -> list[dict[str, float]]:
-    """Run the training loop for one of the models on frozen latents."""
+    """Run the training loop for one of the models on frozen latents.
+
+    `loss` draws a batch of the size it is given; `validate` takes rows of held-out transitions.
+    """
     check = data.check_rows()
     return fit(
+        kind,
         module,
         lambda rng: loss(rng, config.batch_size),
+        lambda: validate(check),
         config=config,
-        seed=setting.seed,
-        stream=stream(name),
-        label=name,
-        work=setting.work,
-        validate=lambda: validate(check),
-        progress=setting.progress,
+        setting=setting,
     )
 
 

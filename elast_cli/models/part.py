@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 _MAX_SIZE = 1 << 20
+Precision = Literal["float32", "bfloat16", "auto"]
 _STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
 
@@ -31,14 +32,15 @@ class FitConfig(StrictModel):
 
     With `precision` bfloat16, matrix products and convolutions of training compute in it, and the
     trained weights are rounded to it, which halves their files; all else stays float32. It pays for
-    wide networks, on processors that have such products; on others it is slow.
+    wide networks, on processors that have such products; on others it is slow. With `auto` it is
+    used where the device has them.
     """
 
     steps: int = Field(gt=0)
     batch_size: int = Field(gt=1)
     learning_rate: float = Field(default=1e-3, gt=0)
     weight_decay: float = Field(default=0.0, ge=0)
-    precision: Literal["float32", "bfloat16"] = "float32"
+    precision: Precision = "float32"
     log_every: int = Field(default=100, gt=0)
     save_every: int = Field(default=500, gt=0)
 

@@ -7,7 +7,7 @@ of stages, what is missing, loading and saving. A new part is one module or fold
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -125,50 +125,58 @@ def imported(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _rows() -> Iterator[Part]:
-    here = "elast_cli.models"
-    yield Part(
-        kind=CONTEXT,
+def _row(kind: str, about: str, needs: str, spec: str, needs_where_context: str = "") -> Part:
+    """A row of elast's own, whose folder is called like its kind."""
+    here = f"elast_cli.models.{kind}"
+    return Part(
+        kind=kind,
+        about=about,
+        needs=tuple(needs.split()),
+        needs_where_context=tuple(needs_where_context.split()),
+        section_class=f"{here}.config:{kind.capitalize()}Section",
+        spec_class=f"{here}.{spec}",
+        trainer=f"{here}.training:train",
+    )
+
+
+register(
+    _row(
+        "context",
         about="Train the context autoencoder, where obstacles change with the episode.",
-        needs=(DATASET,),
-        section_class=f"{here}.context.config:ContextSection",
-        spec_class=f"{here}.context.net:ContextSpec",
-        trainer=f"{here}.context.training:train",
+        needs="dataset",
+        spec="net:ContextSpec",
     )
-    yield Part(
-        kind="encoder",
+)
+register(
+    _row(
+        "encoder",
         about="Train the encoder with its forward model (contrastive predictive coding).",
-        needs=(DATASET, CONTEXT),
-        section_class=f"{here}.encoder.config:EncoderSection",
-        spec_class=f"{here}.encoder.cpc:EncoderSpec",
-        trainer=f"{here}.encoder.training:train",
+        needs="dataset context",
+        spec="cpc:EncoderSpec",
     )
-    yield Part(
-        kind="ensemble",
+)
+register(
+    _row(
+        "ensemble",
         about="Train the ensemble of latent dynamics.",
-        needs=(DATASET, CONTEXT, "encoder"),
-        section_class=f"{here}.ensemble.config:EnsembleSection",
-        spec_class=f"{here}.ensemble.support:EnsembleSpec",
-        trainer=f"{here}.ensemble.training:train",
+        needs="dataset context encoder",
+        spec="support:EnsembleSpec",
     )
-    yield Part(
-        kind="density",
+)
+register(
+    _row(
+        "density",
         about="Train the transition density (noise-contrastive estimation).",
-        needs=(DATASET, CONTEXT, "encoder"),
-        needs_where_context=("ensemble",),  # its noise asks H_f
-        section_class=f"{here}.density.config:DensitySection",
-        spec_class=f"{here}.density.net:DensitySpec",
-        trainer=f"{here}.density.training:train",
+        needs="dataset context encoder",
+        needs_where_context="ensemble",  # its noise asks H_f
+        spec="net:DensitySpec",
     )
-    yield Part(
-        kind="policy",
+)
+register(
+    _row(
+        "policy",
         about="Train the local policy that leads from one latent to the next.",
-        needs=(DATASET, CONTEXT, "encoder", "ensemble"),
-        section_class=f"{here}.policy.config:PolicySection",
-        spec_class=f"{here}.policy.net:PolicySpec",
-        trainer=f"{here}.policy.training:train",
+        needs="dataset context encoder ensemble",
+        spec="net:PolicySpec",
     )
-
-
-for _part in _rows():
-    register(_part)
+)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
+from elast_cli.envs.base import ElastEnv
+from elast_cli.envs.registry import spec
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.models.parts import PARTS, closure
 from elast_cli.preset import DEFAULT, Preset
@@ -80,7 +82,8 @@ class Job:
         """What this job changes in a part, or in one that it is made from."""
         if not self.changes or kind not in PARTS:
             return {}
-        return {part: self.changes[part] for part in closure([kind]) if part in self.changes}
+        made_from = closure([kind], has_context=has_context(self.env))
+        return {part: self.changes[part] for part in made_from if part in self.changes}
 
     def recipe(
         self,
@@ -144,6 +147,11 @@ class RecipeJob:
             if job.fresh:
                 run.fresh()
             return run.publish(self.make(run))
+
+
+def has_context(env: str) -> bool:
+    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
+    return spec(env).env_class.context is not ElastEnv.context
 
 
 def resolve_device(device: str) -> str:

@@ -6,17 +6,10 @@ import json
 from collections.abc import Mapping, Sequence
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.base import ElastEnv
-from elast_cli.envs.registry import spec
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.models import parts
-from elast_cli.stages.job import Job
+from elast_cli.stages.job import Job, has_context
 from elast_cli.store.manifest import Manifest, Ref
-
-
-def has_context(env: str) -> bool:
-    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
-    return spec(env).env_class.context is not ElastEnv.context
 
 
 def present(env: str, roles: Sequence[str]) -> list[str]:

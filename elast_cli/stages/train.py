@@ -13,8 +13,8 @@ from elast_cli.config import JsonDict
 from elast_cli.errors import DataError
 from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
-from elast_cli.stages.job import Job, RecipeJob, limit_threads, verify_files
-from elast_cli.stages.resolve import has_context, needs, refuse_without_context, resolve
+from elast_cli.stages.job import Job, RecipeJob, has_context, limit_threads, verify_files
+from elast_cli.stages.resolve import needs, refuse_without_context, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 
@@ -50,6 +50,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     from elast_cli.models.fit import write_metrics
     from elast_cli.models.inputs import Inputs
     from elast_cli.models.part import Setting
+    from elast_cli.models.precision import resolved
     from elast_cli.pictures.film import reconstruction_strip
 
     began, cpu = time.monotonic(), time.process_time()
@@ -71,6 +72,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
         path = run.staging / RECONSTRUCTIONS_FILE
         reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
     metrics: JsonDict = {**trained.metrics}
+    metrics["precision"] = resolved(section.fit.precision, job.device)
     metrics["wall_s"] = round(time.monotonic() - began, 3)
     metrics["cpu_s"] = round(time.process_time() - cpu, 3)
     return metrics

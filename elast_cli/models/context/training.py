@@ -1,4 +1,4 @@
-"""How the context autoencoder is trained and measured; all else is in `training`."""
+"""Training of the context autoencoder, and its measures on images it has not seen."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from elast_cli.models.context.net import (
 )
 from elast_cli.models.fit import fit
 from elast_cli.models.inputs import Inputs
-from elast_cli.models.part import Reconstructions, Setting, Trained, seed_torch, stream
+from elast_cli.models.part import Reconstructions, Setting, Trained, seed_torch
 from elast_cli.models.probe import probe_state
 from elast_cli.shapes import Int64, Uint8
 
@@ -68,26 +68,28 @@ def train_context(
         error = reconstruction_error(model, features[rows])
         return error, {"mse": error}
 
-    curve = fit(
-        model,
-        loss,
-        config=section.fit,
-        seed=setting.seed,
-        stream=stream("context"),
-        label="context",
-        work=setting.work,
-        validate=lambda: {"mse": float(reconstruction_error(model, held_out))},
-        progress=setting.progress,
-    )
+    def validate() -> dict[str, float]:
+        return {"mse": float(reconstruction_error(model, held_out))}
+
+    curve = fit("context", model, loss, validate, config=section.fit, setting=setting)
     with torch.no_grad():
         model.fit_codes(model.code(features[train]))
-        variance = float((held_out.float() - held_out.float().mean(0)).square().mean())
-        error = float(reconstruction_error(model, held_out) * model.scale.square())
+    metrics = _metrics(model, images, features, split)
+    return Trained(model, ContextSpec(net=section.net), curve, metrics)
+
+
+@torch.no_grad()
+def _metrics(
+    model: ContextAutoencoder, images: Uint8, features: Tensor, split: tuple[Int64, Int64]
+) -> dict[str, float]:
+    """How well held-out images are reconstructed, and what context vectors hold of them."""
+    held_out = features[split[1]]
+    variance = float((held_out.float() - held_out.float().mean(0)).square().mean())
+    error = float(reconstruction_error(model, held_out) * model.scale.square())
     thumbnails = functional.avg_pool2d(features.float(), model.side // THUMBNAIL).flatten(1)
-    probes = probe_state(context_vectors(model, images), thumbnails.cpu().numpy(), train, val)
-    metrics = {
+    probes = probe_state(context_vectors(model, images), thumbnails.cpu().numpy(), *split)
+    return {
         "val_reconstruction_r2": 1 - error / max(variance, 1e-12),
         "val_reconstruction_rmse": error**0.5,  # in grey levels of 0 to 255
         **probes,
     }
-    return Trained(model, ContextSpec(net=section.net), curve, metrics)

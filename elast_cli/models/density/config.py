@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import AliasChoices, Field
 
 from elast_cli.config import StrictModel
 from elast_cli.models.part import MAX_WIDTH, FitConfig, Section
@@ -12,8 +12,8 @@ class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
 
     Where episodes differ in their context, a share `context_share` of the noise are transitions
-    that fit other contexts. With such noise, up to `lent_share` of the data are transitions of
-    other episodes that fit the context, too. Of the rest of the noise, a share `near_share` leads
+    that fit other contexts. With such noise, up to `relabelled_share` of the data are transitions
+    of other episodes that fit the context, too. Of the rest of the noise, a share `near_share` leads
     to latents of the data within `near_radius` (in 95 % quantiles of the lengths of steps) of the
     source. With neither, it is the paper's Gaussian noise.
     """
@@ -25,7 +25,12 @@ class DensityConfig(StrictModel):
     near_share: float = Field(default=0.8, ge=0, le=1)
     near_radius: float = Field(default=1.25, gt=0)
     context_share: float = Field(default=0.5, ge=0, le=1)
-    lent_share: float = Field(default=0.5, ge=0, le=1)
+    relabelled_share: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        validation_alias=AliasChoices("relabelled_share", "lent_share"),  # as models of 0.1 say
+    )
 
     def elsewhere(self, context_size: int) -> int:
         """How many of the ν false transitions fit other contexts, of `context_size` numbers."""

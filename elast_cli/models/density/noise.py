@@ -90,7 +90,7 @@ class OtherContexts:
 
     A context is seen in one short episode, and where that was would tell data from such noise just
     as well as obstacles do. So transitions of other episodes that H_f has end alike in the row's
-    context are lent to it as data.
+    context are relabelled: they count as data there.
 
     Attributes:
         z, action, context: latents [N,Z], actions [N,A] and contexts [N,C] of all rows.
@@ -111,7 +111,7 @@ class OtherContexts:
     count: int
 
     @torch.no_grad()
-    def lent(self, rows: Tensor, share: float, rng: np.random.Generator) -> Tensor:
+    def relabelled(self, rows: Tensor, share: float, rng: np.random.Generator) -> Tensor:
         """Rows [M] whose transitions fit the contexts of `rows` [M].
 
         A `share` of them are of other episodes, or fewer: a random one that does not fit is

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -28,6 +30,47 @@ def train(inputs: Inputs, section: DensitySection, setting: Setting) -> Trained:
     return train_density(inputs.latents, section, setting, ensemble)
 
 
+@dataclass(frozen=True)
+class Contrast:
+    """The objective of ψ (Eq. 2): what is contrasted with what.
+
+    Attributes:
+        psi: the density.
+        data: the dataset in latent space.
+        noise: false successors.
+        others: false transitions of other contexts, where there are contexts.
+    """
+
+    psi: TransitionDensity
+    data: LatentData
+    noise: Noise
+    others: OtherContexts | None
+
+    def __call__(
+        self, rows: Tensor, rng: np.random.Generator, relabelled_share: float = 0.0
+    ) -> tuple[Tensor, Tensor]:
+        """NCE loss and balanced accuracy of the transitions at `rows` [M]: scalars.
+
+        Up to `relabelled_share` of them are replaced by transitions of other episodes that fit.
+        """
+        data, others, ratio = self.data, self.others, self.psi.config.noise_ratio
+        places = others.relabelled(rows, relabelled_share, rng) if others else rows
+        z, _, _, z_next = data.transitions(places)
+        count, false = self.noise.ratio, self.noise.draw(places, rng).flatten(0, 1)
+        sources, targets = z.repeat(1 + count, 1), torch.cat([z_next, false])
+        if others:
+            elsewhere, there = others.draw(places, rows, rng)
+            sources = torch.cat([sources, elsewhere.flatten(0, 1)])
+            targets = torch.cat([targets, there.flatten(0, 1)])
+        contexts = data.context[rows].repeat(1 + ratio, 1)
+        is_data = torch.arange(len(sources), device=z.device) < len(z)
+        log_ratio = self.psi.log_ratio(sources, targets, contexts)
+        zero = torch.zeros_like(log_ratio)
+        correct = ((log_ratio > 0) == is_data).float()
+        accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
+        return nce_loss(log_ratio, zero, is_data, ratio), accuracy
+
+
 def train_density(
     data: LatentData,
     section: DensitySection,
@@ -40,41 +83,19 @@ def train_density(
     """
     seed_torch(setting.seed, "density")
     psi = TransitionDensity(section.net, data.z.shape[1], data.context.shape[1]).to(setting.device)
-    ratio = section.net.noise_ratio
     fit_scale(psi.scale, data)
-    noise = _noise(data, psi, setting)
-    others = _other_contexts(data, psi, ensemble)
-
-    def objective(
-        rows: Tensor, rng: np.random.Generator, lent_share: float = 0.0
-    ) -> tuple[Tensor, Tensor]:
-        places = others.lent(rows, lent_share, rng) if others else rows
-        z, _, _, z_next = data.transitions(places)
-        context = data.context[rows]
-        sources, targets = z.repeat(1 + noise.ratio, 1), noise.draw(places, rng).flatten(0, 1)
-        targets = torch.cat([z_next, targets])
-        if others:
-            elsewhere, there = others.draw(places, rows, rng)
-            sources = torch.cat([sources, elsewhere.flatten(0, 1)])
-            targets = torch.cat([targets, there.flatten(0, 1)])
-        contexts = context.repeat(1 + ratio, 1)
-        is_data = torch.arange(len(sources), device=z.device) < len(z)
-        log_ratio = psi.log_ratio(sources, targets, contexts)
-        zero = torch.zeros_like(log_ratio)
-        correct = ((log_ratio > 0) == is_data).float()
-        accuracy = 0.5 * (correct[: len(z)].mean() + correct[len(z) :].mean())
-        return nce_loss(log_ratio, zero, is_data, ratio), accuracy
+    contrast = Contrast(psi, data, _noise(data, psi, setting), _other_contexts(data, psi, ensemble))
 
     def loss(rng: np.random.Generator, size: int) -> tuple[Tensor, dict[str, Tensor]]:
-        value, accuracy = objective(data.batch(rng, size), rng, section.net.lent_share)
+        value, accuracy = contrast(data.batch(rng, size), rng, section.net.relabelled_share)
         return value, {"balanced_accuracy": accuracy}
 
     def validate(rows: Tensor) -> dict[str, float]:
-        value, accuracy = objective(rows, generator("train", 0, stream("density")))
+        value, accuracy = contrast(rows, generator("train", 0, stream("density")))
         return {"nce": float(value), "balanced_accuracy": float(accuracy)}
 
     curve = fit_on_latents(
-        psi, data, loss, validate, name="density", config=section.fit, setting=setting
+        "density", psi, data, loss, validate, config=section.fit, setting=setting
     )
     with torch.no_grad():
         z, _, context, z_next = data.transitions(data.val)

@@ -78,17 +78,7 @@ def train_encoder(
         ]
         return {k: float(torch.stack([p[k] for p in parts]).mean()) for k in parts[0]}
 
-    curve = fit(
-        model,
-        loss,
-        config=section.fit,
-        seed=setting.seed,
-        stream=stream("encoder"),
-        label="encoder",
-        work=setting.work,
-        validate=validate,
-        progress=setting.progress,
-    )
+    curve = fit("encoder", model, loss, validate, config=section.fit, setting=setting)
     data = encode(dataset, context, model, setting)
     z, z_next = data.z[data.train], data.z[data.train + 1]
     model.scale.fit(z, z_next)

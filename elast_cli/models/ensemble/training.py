@@ -49,7 +49,7 @@ def train_ensemble(data: LatentData, section: EnsembleSection, setting: Setting)
         return {"mse": float(((predicted - z_next) / model.scale.step).square().mean())}
 
     curve = fit_on_latents(
-        model, data, loss, validate, name="ensemble", config=section.fit, setting=setting
+        "ensemble", model, data, loss, validate, config=section.fit, setting=setting
     )
     metrics = {"val_mse": curve[-1]["val_mse"], **_calibrate_dynamics(dynamics, data, setting)}
     return Trained(dynamics, EnsembleSpec(sizes=sizes, net=config), curve, metrics)

@@ -40,11 +40,11 @@ def train_policy(
         return value, {"mse": value}
 
     curve = fit_on_latents(
+        "policy",
         model,
         data,
         loss,
         lambda rows: {"mse": float(error(rows))},
-        name="policy",
         config=section.fit,
         setting=setting,
     )
