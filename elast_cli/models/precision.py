@@ -27,7 +27,7 @@ def has_bfloat16(device: str) -> bool:
     A processor that torch is told to use as an older one (`ATEN_CPU_CAPABILITY`) counts as that.
     """
     if device == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
     if not torch.backends.cpu.get_cpu_capability().startswith("AVX512"):
         return False
     return bool(torch.cpu.get_capabilities().get("avx512_bf16", False))

@@ -51,7 +51,6 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     from elast_cli.models.inputs import Inputs
     from elast_cli.models.part import Setting
     from elast_cli.models.precision import resolved
-    from elast_cli.pictures.film import reconstruction_strip
 
     began, cpu = time.monotonic(), time.process_time()
     limit_threads(job.threads)
@@ -69,6 +68,8 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
         save_model(run.staging, trained)
         write_metrics(trained.curve, run.staging)
     if shown := trained.reconstructions:
+        from elast_cli.pictures.film import reconstruction_strip
+
         path = run.staging / RECONSTRUCTIONS_FILE
         reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
     metrics: JsonDict = {**trained.metrics}
