@@ -5,13 +5,18 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shutil
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 from elast_cli.errors import ElastError, MissingInputError, StorageError
+
+# what opening a path says that is no file, rather than a disk that fails
+_NOT_A_FILE = {errno.EISDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.ENXIO}
 
 
 def read_regular(path: Path, *, error: type[ElastError], max_bytes: int) -> bytes:
@@ -21,8 +26,11 @@ def read_regular(path: Path, *, error: type[ElastError], max_bytes: int) -> byte
             content = file.read(max_bytes + 1)
     except FileNotFoundError:
         raise MissingInputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as reason:
+    except ValueError as reason:
         raise error(f"{path}: cannot be read: {one_line(reason)}") from None
+    except OSError as reason:
+        kind = error if reason.errno in _NOT_A_FILE else StorageError
+        raise kind(f"{path}: cannot be read: {one_line(reason)}") from None
     if len(content) > max_bytes:
         raise error(f"{path}: larger than {max_bytes} bytes")
     return content
@@ -42,23 +50,54 @@ def one_line(reason: object) -> str:
     return " ".join(str(reason).split())[:500]
 
 
-_DISK_ERRORS = frozenset(
-    {errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC, errno.EPERM, errno.EROFS}
-)
-
-
 @contextmanager
 def storage_errors() -> Iterator[None]:
-    """Turn a full, read-only or failing disk into a one-line StorageError."""
+    """Turn what a disk can do wrong into a one-line StorageError."""
     try:
         yield
+    except BrokenPipeError:
+        raise  # the reader of stdout has gone
     except OSError as reason:
-        if reason.errno not in _DISK_ERRORS:
-            raise
         text = " ".join(str(reason).split())[:300]
         raise StorageError(
             f"storage failed: {text}; free some space or set ELAST_HOME to a writable folder"
         ) from reason
+
+
+def make_folders(path: Path) -> None:
+    """Make a folder and those above it that are missing; all of them are on disk after that."""
+    if path.is_dir():
+        return
+    make_folders(path.parent)
+    path.mkdir(exist_ok=True)
+    sync_folder(path.parent)
+
+
+def refuse_links(*paths: Path) -> None:
+    """Raise StorageError if a path is a symbolic link: elast writes and deletes behind none."""
+    for path in paths:
+        if path.is_symlink():
+            raise StorageError(f"{path} is a symbolic link; put a plain folder in its place")
+
+
+def remove_folder(path: Path) -> None:
+    """Remove a folder and all in it; links in it are removed and not followed.
+
+    Others may remove the same folder at the same time.
+
+    Raises:
+        StorageError: it is a link itself.
+    """
+    refuse_links(path)
+
+    def passed_over(_function: object, _path: str, reason: BaseException) -> None:
+        if not isinstance(reason, FileNotFoundError):
+            raise reason
+
+    if sys.version_info >= (3, 12):
+        shutil.rmtree(path, onexc=passed_over)
+    else:
+        shutil.rmtree(path, onerror=lambda f, p, info: passed_over(f, p, info[1]))
 
 
 @contextmanager

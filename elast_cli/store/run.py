@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import re
-import shutil
 import uuid
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from elast_cli.config import JsonDict
-from elast_cli.errors import BusyError
-from elast_cli.files import sync_folder, whole_file
+from elast_cli.errors import StorageError
+from elast_cli.files import (
+    make_folders,
+    open_regular,
+    refuse_links,
+    remove_folder,
+    sync_folder,
+    whole_file,
+)
+from elast_cli.store.locks import held
 from elast_cli.store.manifest import (
     Manifest,
     Parent,
@@ -27,8 +32,9 @@ from elast_cli.store.manifest import (
     write_manifest,
 )
 
-_HIGHEST = ".highest"  # holds the highest version number ever used in its folder
-_NUMBER = re.compile("[0-9]{1,9}")  # as in a ref
+HIGHEST = ".highest"  # holds the highest version number ever used in its folder
+_NUMBER = re.compile("[1-9][0-9]{0,8}")  # as in a ref
+MAX_VERSION = 999_999_999
 
 
 @dataclass
@@ -55,16 +61,20 @@ class Run:
         """The artifact's files, all of them plain files; empty at first."""
 
     def prepare(self) -> None:
-        """Make the folders, after removing what a killed run of this recipe had staged."""
+        """Make the folders, after removing what a killed run of this recipe had staged.
+
+        Raises:
+            StorageError: one of them is a link, which would lead out of the store.
+        """
+        refuse_links(self.work.parent, self.work, self.staging.parent)
         for left in self.staging.parent.glob(f"{self.recipe.digest}.*"):
-            shutil.rmtree(left)
-        if not self.published:
-            self.work.mkdir(parents=True, exist_ok=True)
-            self.staging.mkdir(parents=True)
+            remove_folder(left)
+        make_folders(self.work)
+        make_folders(self.staging)
 
     def fresh(self) -> None:
         """Forget what an interrupted run of this recipe had done."""
-        shutil.rmtree(self.work)
+        remove_folder(self.work)
         self.work.mkdir()
 
     def publish(self, metrics: JsonDict) -> Ref:
@@ -72,11 +82,13 @@ class Run:
 
         Raises:
             ValueError: something else than plain files is staged, or a metric is not finite.
+            StorageError: the disk fails, or the artifact's folder is on another one.
         """
         files = {path.name: measure(path, sync=True) for path in sorted(self.staging.iterdir())}
         folder = self.root / self.recipe.env / self.recipe.kind
-        folder.mkdir(parents=True, exist_ok=True)
-        with lock_of(self.root, f"{self.recipe.env}.{self.recipe.kind}"):
+        make_folders(folder)
+        _refuse_other_disk(self.staging, folder)
+        with held(self.root, f"{self.recipe.env}.{self.recipe.kind}"):
             manifest = Manifest(
                 version=_next_version(folder),
                 recipe=self.recipe,
@@ -108,54 +120,45 @@ class Run:
 
     def clean(self) -> None:
         """Remove the staging folder, and after publication the resumable state too."""
-        shutil.rmtree(self.staging, ignore_errors=True)
-        if self.published:
-            shutil.rmtree(self.work, ignore_errors=True)
-        with suppress(OSError):
-            self.work.rmdir()  # only if nothing was begun
+        with suppress(OSError, StorageError):
+            remove_folder(self.staging)
+        with suppress(OSError, StorageError):
+            if self.published:
+                remove_folder(self.work)
+            else:
+                self.work.rmdir()  # only if nothing was begun
 
 
-def lock_of(root: Path, name: str) -> FileLock:
-    """An inter-process lock; its file stays, since removing it would split those who wait."""
-    folder = root / ".locks"
-    folder.mkdir(parents=True, exist_ok=True)
-    return FileLock(folder / f"{name}.lock")
-
-
-@contextmanager
-def held_lock(
-    root: Path, recipe: Recipe, *, wait: bool, on_wait: Callable[[str], None] | None
-) -> Iterator[None]:
-    """Hold the lock of a recipe; waiting for it is announced to `on_wait`.
-
-    Raises:
-        BusyError: another process holds it and `wait` is false.
-    """
-    lock = lock_of(root, recipe.digest)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        busy = f"another process is making this {recipe.env}/{recipe.kind}"
-        if not wait:
-            raise BusyError(f"{busy}; without --no-wait elast waits for it") from None
-        if on_wait:
-            on_wait(f"{busy}; waiting for it")
-        lock.acquire()
-    try:
-        yield
-    finally:
-        lock.release()
+def _refuse_other_disk(staging: Path, folder: Path) -> None:
+    """Raise StorageError where a rename from one folder into the other is impossible."""
+    if staging.stat().st_dev != folder.stat().st_dev:
+        raise StorageError(
+            f"{folder} is on another file system than {staging.parent}; move the whole store there "
+            "and set ELAST_HOME, or put a plain folder in its place"
+        )
 
 
 def _next_version(folder: Path) -> int:
-    """One more than the highest version ever used here, even if it was removed since."""
-    mark = folder / _HIGHEST
-    noted = mark.read_bytes()[:20].decode("ascii", "replace").strip() if mark.exists() else ""
-    used = [noted, *(path.name[1:] for path in folder.glob("v*"))]  # a damaged note counts nothing
-    return max((int(text) for text in used if _NUMBER.fullmatch(text)), default=0) + 1
+    """One more than the highest version ever used here, even if it was removed since.
+
+    Raises:
+        StorageError: the note of it is no plain file, or no number is left.
+    """
+    noted = ""
+    if os.path.lexists(folder / HIGHEST):
+        try:
+            with open_regular(folder / HIGHEST) as file:
+                noted = file.read(20).decode("ascii", "replace").strip()  # damaged: counts nothing
+        except ValueError as reason:
+            raise StorageError(f"{folder / HIGHEST}: {reason}; remove it") from None
+    used = [noted, *(path.name[1:] for path in folder.glob("v*"))]
+    version = max((int(text) for text in used if _NUMBER.fullmatch(text)), default=0) + 1
+    if version > MAX_VERSION:
+        raise StorageError(f"{folder / HIGHEST}: no version after {MAX_VERSION}; correct the file")
+    return version
 
 
 def _record_version(folder: Path, version: int) -> None:
     """Remember on disk that a version number is used."""
-    with whole_file(folder / _HIGHEST) as file:
+    with whole_file(folder / HIGHEST) as file:
         file.write(f"{version}\n".encode())

@@ -19,16 +19,15 @@ A stage uses it in one way:
 from __future__ import annotations
 
 import os
-import shutil
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import Timeout
-
-from elast_cli.errors import DataError, MissingInputError
-from elast_cli.files import storage_errors
+from elast_cli.errors import BusyError, DataError, MissingInputError
+from elast_cli.files import refuse_links, remove_folder, storage_errors
+from elast_cli.store.locks import LOCKS, held
 from elast_cli.store.manifest import (
     MANIFEST,
     MANIFEST_DIGEST,
@@ -41,11 +40,12 @@ from elast_cli.store.manifest import (
     read_manifest,
     refuse_link,
 )
-from elast_cli.store.run import Run, held_lock, lock_of
+from elast_cli.store.run import HIGHEST, Run
 
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
 _MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
+_DIGEST = re.compile("[0-9a-f]{64}")
 MAX_GENERATIONS = 32
 
 
@@ -157,19 +157,23 @@ class Store:
         digests = {role: self.digest(ref) for role, ref in parents.items()}
         if digests != recipe.parents:
             raise DataError(f"the parents of this {recipe.kind} changed while it was prepared")
-        root = self.root(recipe.kind)
-        with storage_errors(), held_lock(root, recipe, wait=wait, on_wait=on_wait):
-            run = Run(
-                recipe=recipe,
-                parents={
-                    role: Parent(ref=str(ref), digest=digests[role])
-                    for role, ref in parents.items()
-                },
-                root=root,
-                published=None if force else self.find(recipe),
-            )
+        run = Run(
+            recipe=recipe,
+            parents={
+                role: Parent(ref=str(ref), digest=digests[role]) for role, ref in parents.items()
+            },
+            root=self.root(recipe.kind),
+            published=None if force else self.find(recipe),
+        )
+        if run.published:  # nothing is written: the store may be another one's
+            yield run
+            return
+        busy = f"another process is making this {recipe.env}/{recipe.kind}"
+        with storage_errors(), held(run.root, recipe.digest, busy=busy, wait=wait, note=on_wait):
+            run.published = None if force else self.find(recipe)  # by whom it was waited for
             try:
-                run.prepare()
+                if not run.published:
+                    run.prepare()
                 yield run
             finally:
                 run.clean()
@@ -222,17 +226,36 @@ class Store:
         return LineageNode(ref, "", visit(ref, (ref,)))
 
     def gc(self) -> list[Path]:
-        """Remove what interrupted runs left, except where a run is in progress: what is gone."""
+        """Remove what interrupted runs left, except where a run is in progress: what is gone.
+
+        Only what has the form of elast's own leftovers is removed, and no link is followed.
+
+        Raises:
+            StorageError: a folder of the store is a link, or the disk fails; nothing is removed.
+        """
+        roots = (self.root("dataset"), self.root("other"))
+        for root in roots:
+            refuse_links(root / ".staging", root / ".runs", root / LOCKS)
+        return [path for root in roots for path in self._collected(root)]
+
+    def _collected(self, root: Path) -> list[Path]:
+        """Remove the leftovers below one root: what is gone."""
         removed = []
-        for root in (self.root("dataset"), self.root("other")):
-            for folder in sorted([*root.glob(".staging/*"), *root.glob(".runs/*")]):
-                digest = folder.name.partition(".")[0]
-                try:
-                    with storage_errors(), lock_of(root, digest).acquire(blocking=False):
-                        folder.unlink() if folder.is_symlink() else shutil.rmtree(folder)
-                except Timeout:
-                    continue
-                removed.append(folder)
+        found = [*root.glob(".staging/*"), *root.glob(".runs/*"), *root.glob(f"*/*/.{HIGHEST}.*")]
+        for path in sorted(found):
+            name = path.name.partition(".")[0]
+            if path.parent.parent == root and not _DIGEST.fullmatch(name):
+                continue  # nothing that elast made
+            lock = name or f"{path.parent.parent.name}.{path.parent.name}"
+            try:
+                with storage_errors(), held(root, lock, wait=False):
+                    if path.is_dir() and not path.is_symlink():
+                        remove_folder(path)
+                    else:
+                        path.unlink(missing_ok=True)
+            except BusyError:
+                continue
+            removed.append(path)
         return removed
 
     def _read(self, ref: Ref) -> tuple[Manifest, str]:

@@ -278,7 +278,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
         publish(store, recipe())
     assert "\n" not in str(caught.value)
     assert store.refs() == []
-    assert not list((store.home / "data/.staging").iterdir())
+    assert not list((store.home / "data").glob(".staging/*"))
 
 
 def test_a_disk_that_fills_up_under_a_dataset_is_a_storage_error(tmp_path: Path) -> None:
@@ -468,4 +468,6 @@ print(test_store.collect_killed_at_every_point(Path({str(tmp_path)!r})))
         assert column_digests(store.file(ref, "episodes.h5")) == expected
         assert store.verify(ref)
         assert not list((store.home / "data/.staging").iterdir())
+        left = {path.name.partition(".")[0] for path in store.gc()}
+        assert left <= {"", recipe().digest}  # killed after publication, or while it was noted
         assert store.gc() == []

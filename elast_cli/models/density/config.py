@@ -14,7 +14,7 @@ class DensityConfig(StrictModel):
     Where episodes differ in their context, a share `context_share` of the noise are transitions
     that fit other contexts. With such noise, up to `relabelled_share` of the data are transitions
     of other episodes that fit the context, too. Of the rest of the noise, a share `near_share`
-    leads to latents of the data within `near_radius` (in 95 % quantiles of the lengths of steps) of the
+    leads to latents of the data within `near_radius` (in 95 % quantiles of the step lengths) of the
     source. With neither, it is the paper's Gaussian noise.
     """
 
