@@ -10,6 +10,7 @@ import typer
 
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, report
 from elast_cli.cli.options import (
+    MAX_SEED,
     Env,
     Evaluating,
     Fitting,
@@ -18,6 +19,7 @@ from elast_cli.cli.options import (
     Running,
     Searching,
     SomeEnv,
+    given,
     inputs_of,
     takes,
 )
@@ -56,12 +58,14 @@ def collect(
     """Collect random interaction into a dataset."""
     if n is not None and episodes is not None:
         raise UsageError("--n and --episodes both say how much to collect; give one of them")
-    keys = {"episode_steps": max_episode_steps, "n": n}
-    extra = [f"collect.{key}={value}" for key, value in keys.items() if value is not None]
+    extra = given(
+        ("--max-episode-steps", "collect.episode_steps", max_episode_steps), ("--n", "collect.n", n)
+    )
     job = job_of(env, lineage, running, extra)
     if episodes is not None:
         length = int(str(job.config.plain("collect")["episode_steps"]))
-        job = job_of(env, lineage, running, [*extra, f"collect.n={episodes * length}"])
+        extra += given(("--episodes", "collect.n", episodes * length))
+        job = job_of(env, lineage, running, extra)
     from elast_cli.stages import collect as stage
 
     finish(stage.recipe_job(job), running)
@@ -113,10 +117,12 @@ def plan(
     method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
     level: Annotated[str | None, typer.Option(help="Default: the hardest.")] = None,
     scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Which one.")] = 0,
-    scenario_seed: Annotated[int | None, typer.Option(min=0, help="Seed of scenarios.")] = None,
+    scenario_seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of scenarios.")
+    ] = None,
 ) -> None:
     """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
-    extra = [] if scenario_seed is None else [f"eval.scenario_seed={scenario_seed}"]
+    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
     job = job_of(env, lineage, running, [*extra, *searching.overrides()], asdict(inputs))
     from elast_cli.envs.registry import spec
     from elast_cli.stages import plan as stage

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from elast_cli.cli.options import Evaluating, Lineage, Running
+from elast_cli.cli.options import Evaluating, Lineage, Override, Running
 from elast_cli.cli.output import print_json, print_text
 from elast_cli.errors import UsageError
 
@@ -20,7 +20,7 @@ def job_of(
     env: str,
     lineage: Lineage,
     running: Running,
-    extra: Sequence[str] = (),
+    extra: Sequence[Override] = (),
     given: Mapping[str, str | None] | None = None,
 ) -> Job:
     """The job that the flags describe.
@@ -29,7 +29,7 @@ def job_of(
         env: the environment.
         lineage: preset, overrides, seed.
         running: how to run.
-        extra: further `--set` texts, which win.
+        extra: what other flags override; they win.
         given: refs named on the command line, by kind.
     """
     if running.fresh and running.resume:
@@ -45,7 +45,7 @@ def job_of(
         store=Store.default(),
         env=env,
         preset=lineage.preset,
-        config=presets.load(lineage.preset, env, [*(lineage.set or []), *extra]),
+        config=presets.load(lineage.preset, env, lineage.set or [], extra),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from elast_cli.config import JsonDict
-from elast_cli.errors import DataError, MissingInputError, UsageError
+from elast_cli.errors import DataError, MissingInputError, UsageError, suggestion
 from elast_cli.evaluation.comparison import Comparison, compare
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.evaluation.summary import parse_results
+from elast_cli.models import parts
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import LineageNode, Store
 
@@ -24,10 +25,22 @@ if TYPE_CHECKING:
 
 RESULTS_FILE = "results.json"
 _MOST_BYTES = 256 << 20  # of a results file
+_BYTES_A_BRACKET = 64  # results have one list or object in some hundred bytes
 
 
 def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
-    """One row an artifact: ref, preset, seed, size, when it was made, headline metrics."""
+    """One row an artifact: ref, preset, seed, size, when it was made, headline metrics.
+
+    Raises:
+        UsageError: a kind that there cannot be.
+        MissingInputError: $ELAST_HOME names no folder.
+    """
+    known = [*parts.kinds(), "plan", "eval", "report"]
+    if kind is not None and kind not in known:
+        hint = suggestion(kind, known)
+        raise UsageError(f"unknown kind {kind!r}{hint}; choose {', '.join(known)}")
+    if not store.home.is_dir():
+        raise MissingInputError(f"ELAST_HOME: {store.home} is no folder")
     rows: list[JsonDict] = []
     for ref in store.refs(env, kind):
         try:
@@ -79,12 +92,16 @@ def description(store: Store, text: str) -> JsonDict:
     }
 
 
-def _lineage(node: LineageNode) -> JsonDict:
+def _lineage(node: LineageNode, seen: set[Ref] | None = None) -> JsonDict:
+    """The lineage as plain data; the parents of an artifact stand where it comes first."""
+    seen = set() if seen is None else seen
+    again = node.ref in seen
+    seen.add(node.ref)
     return {
         "ref": str(node.ref),
         "role": node.role,
         "lost": node.lost,
-        "parents": [_lineage(parent) for parent in node.parents],
+        "parents": [] if again else [_lineage(parent, seen) for parent in node.parents],
     }
 
 
@@ -175,7 +192,7 @@ def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
     """
     if ref.kind not in ("eval", "report"):
         store.manifest(ref)  # says so if it does not exist at all
-        raise UsageError(f"{ref} is a {ref.kind}; compare takes eval or report refs: elast ls")
+        raise UsageError(f"{ref}: kind {ref.kind}; compare takes eval or report refs: elast ls")
     path = store.file(ref, RESULTS_FILE)
     return parse_results(_read_json(path, ref)).per_episode
 
@@ -183,8 +200,11 @@ def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
 def _read_json(path: Path, ref: Ref) -> object:
     if path.stat().st_size > _MOST_BYTES:
         raise DataError(f"{ref}: {path.name} is larger than {_MOST_BYTES} bytes")
+    content = path.read_bytes()
+    if content.count(b"[") + content.count(b"{") > 1000 + len(content) // _BYTES_A_BRACKET:
+        raise DataError(f"{ref}: {path.name}: more lists and objects than results have")
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(content)
     except (ValueError, RecursionError) as reason:
         raise DataError(f"{ref}: {path.name}: not JSON ({reason})") from None
 
@@ -220,12 +240,13 @@ def made(store: Store, ref: Ref) -> JsonDict:
 
 
 def _table(*columns: str) -> Table:
+    """A table whose cells are never broken; `print_rich` shows records where it is too wide."""
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(columns))
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(column, no_wrap=True)
     return table
 
 

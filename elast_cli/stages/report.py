@@ -29,7 +29,7 @@ def write_results(
 ) -> list[OverallRow]:
     """The overall rows, once the results are in `folder` as JSON."""
     document = results_document(rows, lineage, settings)
-    with (folder / RESULTS_FILE).open("x") as file:
+    with (folder / RESULTS_FILE).open("x", encoding="utf-8") as file:
         json.dump(document, file, indent=1, allow_nan=False)
     return summarize(rows)
 
@@ -58,7 +58,7 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
     rows = [row for ref in evaluations.values() for row in episode_rows(store, ref)]
     lineage = {str(ref): store.manifest(ref).recipe.parents for ref in evaluations.values()}
     overall = write_results(staging, rows, lineage=lineage, settings=_settings(job, run))
-    (staging / TABLE_FILE).write_text(table_text(overall) + "\n")
+    (staging / TABLE_FILE).write_text(table_text(overall) + "\n", encoding="utf-8")
     bar_chart(overall, staging / CHART_FILE, title=f"{job.env}, preset {job.preset}")
     drawn: set[str] = set()
     for (method, _), ref in evaluations.items():

@@ -120,7 +120,9 @@ class _Search:
     def _checked(self, role: str, ref: Ref) -> Manifest:
         """The manifest of an artifact that the user named."""
         if ref.kind != role:
-            raise UsageError(f"--{role} {ref}: that is a {ref.kind}; list: elast ls --kind {role}")
+            raise UsageError(
+                f"--{role} {ref}: its kind is {ref.kind}, not {role}; list: elast ls --kind {role}"
+            )
         job = self.job
         if ref.env != job.env:
             raise DataError(f"--{role} {ref}: of environment {ref.env}, not {job.env}")
