@@ -61,11 +61,12 @@ def collect(
     extra = given(
         ("--max-episode-steps", "collect.episode_steps", max_episode_steps), ("--n", "collect.n", n)
     )
-    job = job_of(env, lineage, running, extra)
+    uses = ("env", "collect")
+    job = job_of(env, lineage, running, extra, uses=uses)
     if episodes is not None:
         length = int(str(job.config.plain("collect")["episode_steps"]))
         extra += given(("--episodes", "collect.n", episodes * length))
-        job = job_of(env, lineage, running, extra)
+        job = job_of(env, lineage, running, extra, uses=uses)
     from elast_cli.stages import collect as stage
 
     finish(stage.recipe_job(job), running)
@@ -78,7 +79,8 @@ def _train_command(part: Part) -> Callable[..., None]:
     def train(env: Env, inputs: Any, fitting: Fitting, lineage: Lineage, running: Running) -> None:
         from elast_cli.stages import train as stage
 
-        job = job_of(env, lineage, running, fitting.overrides(part.kind), asdict(inputs))
+        extra, uses = fitting.overrides(part.kind), ("env", part.kind)
+        job = job_of(env, lineage, running, extra, asdict(inputs), uses)
         finish(stage.recipe_job(job, part.kind), running)
 
     train.__annotations__["inputs"] = inputs_class
@@ -98,7 +100,8 @@ def train_baseline(
     from elast_cli.stages.run import planned_text
 
     wanted = method_named(method)
-    job = job_of(env, lineage, running).of_method(wanted)
+    uses = ("env", "collect", *closure(wanted.parts))
+    job = job_of(env, lineage, running, uses=uses).of_method(wanted)
     if running.dry_run:
         rows = chain.planned_models(job, wanted.parts)
         print_json(rows) if running.json else print_text(planned_text(rows))
@@ -122,11 +125,14 @@ def plan(
     ] = None,
 ) -> None:
     """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
-    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
-    job = job_of(env, lineage, running, [*extra, *searching.overrides()], asdict(inputs))
     from elast_cli.envs.registry import spec
+    from elast_cli.methods.table import method_named
     from elast_cli.stages import plan as stage
 
+    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
+    extra += searching.overrides()
+    uses = ("env", "eval", *method_named(method).sections)
+    job = job_of(env, lineage, running, extra, asdict(inputs), uses)
     wanted = stage.recipe_job(job, method, level or list(spec(env).levels)[-1], scenario)
     finish(wanted, running, stage.document)
 
@@ -149,7 +155,7 @@ def evaluate(
     named = {Ref.parse(text).env for text in asdict(inputs).values() if text}
     extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
-        job_of(name, lineage, running, extra, asdict(inputs))
+        job_of(name, lineage, running, extra, asdict(inputs), bench.sections(make=False))
         for name in bench.having_levels([env] if env else named or ENVS)
     ]
     jobs = stage.complete(jobs, bench)
@@ -163,7 +169,8 @@ def run_chain(
     """Do everything: data, training, evaluation; what is there already is not done again."""
     bench = benchmark_of(evaluating, lineage)
     bench.having_levels([env])
-    job = job_of(env, lineage, running, [*evaluating.overrides(), *searching.overrides()])
+    extra = [*evaluating.overrides(), *searching.overrides()]
+    job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
     report([job], bench, running, make=True)
 
 

@@ -140,6 +140,10 @@ class Evaluating:
             metavar="'elast>=90'", help="Exit 3 if the success rate misses it; may be repeated."
         ),
     ] = None
+    allow_overrides: Annotated[
+        bool,
+        Option("--allow-overrides", help="Let --require pass models that --set made differ."),
+    ] = False
 
     def overrides(self) -> list[Override]:
         """What these flags override."""

@@ -63,9 +63,15 @@ def print_rich(shown: Any) -> None:
     console = Console(width=width, markup=False, highlight=False, emoji=False)
     with console.capture() as capture:
         for part in shown.renderables if isinstance(shown, Group) else [shown]:
-            wide = isinstance(part, Table) and console.measure(part).maximum > console.width
+            wide = isinstance(part, Table) and _width(console, part) > console.width
             console.print(_records(part) if wide else part, soft_wrap=wide)
     print_text("\n".join(line.rstrip() for line in capture.get().splitlines()))
+
+
+def _width(console: Any, table: Any) -> int:
+    """Columns of the terminal that a table needs."""
+    options = console.options.update(max_width=_WIDE)
+    return int(console.measure(table, options=options).maximum)
 
 
 def _records(table: Any) -> str:

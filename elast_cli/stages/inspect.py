@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError, suggestion
 from elast_cli.evaluation.comparison import Comparison, compare
-from elast_cli.evaluation.rows import EpisodeRow
+from elast_cli.evaluation.rows import Results
 from elast_cli.evaluation.summary import parse_results
 from elast_cli.models import parts
 from elast_cli.store.manifest import Ref
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from elast_cli.stages.job import RecipeJob
 
 RESULTS_FILE = "results.json"
+WORLD = ("env", "levels", "domain")  # settings in which equal scenarios are equal
 _MOST_BYTES = 256 << 20  # of a results file
 _BYTES_A_BRACKET = 64  # results have one list or object in some hundred bytes
 
@@ -179,12 +180,30 @@ def refuse_damaged(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
-    """Paired differences of two evaluations or reports, B minus A."""
-    return compare(*(episode_rows(store, Ref.parse(text)) for text in (text_a, text_b)))
+    """Paired differences of two evaluations or reports, B minus A.
+
+    Raises:
+        DataError: they are of different worlds, so that equal numbers are not equal scenarios.
+    """
+    results = [read_results(store, Ref.parse(text)) for text in (text_a, text_b)]
+    for key in WORLD:
+        a, b = (found.settings.get(key) for found in results)
+        if key == "levels" and isinstance(a, dict) and isinstance(b, dict):
+            shared = a.keys() & b.keys()
+            a, b = ({level: steps[level] for level in shared} for steps in (a, b))
+        if a is not None and b is not None and a != b:
+            raise DataError(
+                f"{text_a} and {text_b} are of different worlds: {key} {_json(a)} against {_json(b)}"
+            )
+    return compare(*(found.per_episode for found in results))
 
 
-def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
-    """The episodes of an evaluation or a report.
+def _json(value: object) -> str:
+    return json.dumps(value, sort_keys=True)[:200]
+
+
+def read_results(store: Store, ref: Ref) -> Results:
+    """The results of an evaluation or a report.
 
     Raises:
         UsageError: the artifact is of another kind.
@@ -193,8 +212,12 @@ def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
     if ref.kind not in ("eval", "report"):
         store.manifest(ref)  # says so if it does not exist at all
         raise UsageError(f"{ref}: kind {ref.kind}; compare takes eval or report refs: elast ls")
-    path = store.file(ref, RESULTS_FILE)
-    return parse_results(_read_json(path, ref)).per_episode
+    return parse_results(_read_json(store.file(ref, RESULTS_FILE), ref))
+
+
+def texts(value: object) -> list[str]:
+    """The texts in a list that a results file holds, or none."""
+    return [str(item) for item in value] if isinstance(value, list) else []
 
 
 def _read_json(path: Path, ref: Ref) -> object:
