@@ -25,7 +25,7 @@ CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
 
 
 class TreeConfig(StrictModel):
-    """The search. The three p are the paper's; what it does not state is ours: docs/method.md.
+    """The search. The three p are the paper's; what it does not state is ours: docs/explanation/method.md.
 
     `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
     trees; which plan it leaves depends on the machine. With `reuse`, replanning starts from the
