@@ -36,8 +36,8 @@ class Trace:
         frames: every frame u8 [T+1,64,64,3] if it was asked for.
         states: true states [T+1,S], for people.
         goal: the goal's frame u8 [64,64,3].
-        plans, plan_s, reached, transitions, density_calls, policy_calls: of its planning.
-        first_plan_s: the part of plan_s that the first plan took.
+        log: of the planning of all episodes that ran side by side.
+        row: which of them this one is.
     """
 
     steps: int | None
@@ -46,13 +46,8 @@ class Trace:
     frames: Uint8 | None
     states: Float32
     goal: Uint8
-    plans: int
-    plan_s: float
-    first_plan_s: float
-    reached: int
-    transitions: int
-    density_calls: int
-    policy_calls: int
+    log: PlanLog
+    row: int
 
 
 def run_episodes(
@@ -99,13 +94,8 @@ def run_episodes(
             frames=np.stack(history[b][: length[b] + 1]) if keep_frames else None,
             states=np.stack(states[b][: length[b] + 1]),
             goal=goals[b],
-            plans=int(log.plans[b]),
-            plan_s=float(log.seconds[b]),
-            first_plan_s=float(log.first_seconds[b]),
-            reached=int(log.reached[b]),
-            transitions=int(log.transitions[b]),
-            density_calls=int(log.density_calls[b]),
-            policy_calls=int(log.policy_calls[b]),
+            log=log,
+            row=b,
         )
         for b in range(len(envs))
     ]

@@ -167,6 +167,8 @@ def plan_seed(job: Job, scenario: Scenario) -> int:
 
 
 def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
+    log, b, length = trace.log, trace.row, max(trace.length, 1)
+    plans = int(log.plans[b])
     return EpisodeRow(
         env=job.env,
         level=scenario.level,
@@ -177,18 +179,15 @@ def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
         success=trace.steps is not None,
         steps=trace.steps,
         shortest=scenario.shortest,
-        plans=trace.plans,
-        plan_s=trace.plan_s / max(trace.plans, 1),
-        first_plan_s=trace.first_plan_s,
-        reached=trace.reached,
-        network_calls_per_step=trace.transitions / max(trace.length, 1),
-        density_calls_per_step=trace.density_calls / max(trace.length, 1),
-        policy_calls_per_step=trace.policy_calls / max(trace.length, 1),
+        plans=plans,
+        plan_s=float(log.seconds[b]) / max(plans, 1),
+        first_plan_s=float(log.first_seconds[b]),
+        reached=int(log.reached[b]),
+        network_calls_per_step=int(log.cost.transitions[b]) / length,
+        density_calls_per_step=int(log.cost.density_calls[b]) / length,
+        policy_calls_per_step=int(log.cost.policy_calls[b]) / length,
         held=trace.held,
     )
-
-
-# --- resumable state -----------------------------------------------------------------------------
 
 
 def _row_path(folder: Path, level: str, index: int) -> Path:
