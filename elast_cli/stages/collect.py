@@ -67,8 +67,7 @@ def _collect(job: Job, run: Run) -> JsonDict:
     there = collect.episodes - sum(len(shard.episodes) for shard in missing)
     if there:
         job.progress.note(f"collect: {there} episodes are there already")
-    with job.progress.task("collect (episodes)", collect.episodes) as advance:
-        advance(there)
+    with job.progress.task("collect (episodes)", collect.episodes, there) as advance:
         for done in each(_collect_shard, missing, workers=job.workers):
             advance(done)
     attrs: dict[str, str | int | float] = {
