@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
 import time
@@ -9,8 +10,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Protocol
 
-from elast_cli.engine.local import SPAWN
 from elast_cli.progress import Advance, Progress
+
+SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
 
 
 class _Queue(Protocol):

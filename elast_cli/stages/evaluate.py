@@ -14,8 +14,6 @@ import numpy as np
 from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
-from elast_cli.engine.local import each
-from elast_cli.engine.relay import relayed
 from elast_cli.envs.registry import make, scenarios, spec
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
@@ -106,13 +104,12 @@ def _run_missing(
     missing = [s for s in every if _read_row(folder, s.level, s.index) is None]
     total, left = (sum(_budget(job, s) for s in some) for some in (every, missing))
     chunks = _chunks(job, method, inputs, missing, folder)
-    parallel = job.workers > 1 and len(chunks) > 1
     with (
         job.progress.task(f"{method} (steps)", total, total - left) as advance,
-        relayed(Within(job.progress, advance), wanted=parallel) as progress,
+        job.engine.relayed(Within(job.progress, advance), len(chunks)) as progress,
     ):
         sent = [replace(chunk, job=replace(job, progress=progress)) for chunk in chunks]
-        for _ in each(_run_chunk, sent, workers=job.workers):
+        for _ in job.engine.each(_run_chunk, sent):
             pass
 
 
