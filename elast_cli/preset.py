@@ -68,14 +68,21 @@ class Preset:
         return Preset(self.name, _checked(merged, self.classes, by), self.classes)
 
 
-def load(name: str, env: str, sections: Sections, overrides: Sequence[str] = ()) -> Preset:
+def load(
+    name: str,
+    env: str,
+    sections: Sections,
+    overrides: Sequence[str] = (),
+    flags: Sequence[tuple[str, str]] = (),
+) -> Preset:
     """The preset `name` for an environment: defaults, its two YAML files, then `--set` overrides.
 
     Args:
         name: a folder of `configs/`.
         env: the environment's name; `<name>/<env>.yaml` is read where there is one.
         sections: the class that parses each section; its defaults are the preset `standard`.
-        overrides: texts of the form section.key=value.
+        overrides: texts of `--set`, of the form section.key=value.
+        flags: pairs of a flag and the text of the same form that it stands for; they win.
 
     Raises:
         UsageError: unknown preset.
@@ -86,6 +93,7 @@ def load(name: str, env: str, sections: Sections, overrides: Sequence[str] = ())
     ]
     if overrides:
         layers.append((_overrides(overrides), "--set"))
+    layers += [(_overrides([text]), flag) for flag, text in flags]
     data: dict[str, Any] = {key: of().model_dump(mode="json") for key, of in sections.items()}
     for layer, where in layers:
         data = _checked(_merge(data, layer), sections, where)
@@ -107,15 +115,15 @@ def _checked(data: Mapping[str, Any], sections: Sections, where: str) -> dict[st
 
 def names() -> list[str]:
     """All presets that can be loaded here."""
-    found = {path.parent.name for folder in folders() for path in folder.glob("*/_default.yaml")}
-    return sorted(found)
+    found = {path.parent.name for folder in folders() for path in folder.glob("*/*.yaml")}
+    return sorted(name for name in found if _NAME.fullmatch(name))
 
 
 def folders() -> Iterator[Path]:
     """Where presets are looked for, the first wins: here, $ELAST_HOME, what elast came with."""
     yield Path("configs")
     if home := os.environ.get("ELAST_HOME"):
-        yield Path(home) / "configs"
+        yield Path(home).expanduser() / "configs"
     package = Path(elast_cli.__file__).resolve().parent
     installed = package / "configs"  # in a wheel; beside the package in a checkout
     yield installed if installed.is_dir() else package.parent / "configs"

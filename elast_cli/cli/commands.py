@@ -10,6 +10,7 @@ import typer
 
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, report
 from elast_cli.cli.options import (
+    MAX_SEED,
     Env,
     Evaluating,
     Fitting,
@@ -18,6 +19,7 @@ from elast_cli.cli.options import (
     Running,
     Searching,
     SomeEnv,
+    given,
     inputs_of,
     takes,
 )
@@ -56,12 +58,15 @@ def collect(
     """Collect random interaction into a dataset."""
     if n is not None and episodes is not None:
         raise UsageError("--n and --episodes both say how much to collect; give one of them")
-    keys = {"episode_steps": max_episode_steps, "n": n}
-    extra = [f"collect.{key}={value}" for key, value in keys.items() if value is not None]
-    job = job_of(env, lineage, running, extra)
+    extra = given(
+        ("--max-episode-steps", "collect.episode_steps", max_episode_steps), ("--n", "collect.n", n)
+    )
+    uses = ("env", "collect")
+    job = job_of(env, lineage, running, extra, uses=uses)
     if episodes is not None:
         length = int(str(job.config.plain("collect")["episode_steps"]))
-        job = job_of(env, lineage, running, [*extra, f"collect.n={episodes * length}"])
+        extra += given(("--episodes", "collect.n", episodes * length))
+        job = job_of(env, lineage, running, extra, uses=uses)
     from elast_cli.stages import collect as stage
 
     finish(stage.recipe_job(job), running)
@@ -74,7 +79,8 @@ def _train_command(part: Part) -> Callable[..., None]:
     def train(env: Env, inputs: Any, fitting: Fitting, lineage: Lineage, running: Running) -> None:
         from elast_cli.stages import train as stage
 
-        job = job_of(env, lineage, running, fitting.overrides(part.kind), asdict(inputs))
+        extra, uses = fitting.overrides(part.kind), ("env", part.kind)
+        job = job_of(env, lineage, running, extra, asdict(inputs), uses)
         finish(stage.recipe_job(job, part.kind), running)
 
     train.__annotations__["inputs"] = inputs_class
@@ -94,7 +100,8 @@ def train_baseline(
     from elast_cli.stages.run import planned_text
 
     wanted = method_named(method)
-    job = job_of(env, lineage, running).of_method(wanted)
+    uses = ("env", "collect", *closure(wanted.parts))
+    job = job_of(env, lineage, running, uses=uses).of_method(wanted)
     if running.dry_run:
         rows = chain.planned_models(job, wanted.parts)
         print_json(rows) if running.json else print_text(planned_text(rows))
@@ -113,14 +120,19 @@ def plan(
     method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
     level: Annotated[str | None, typer.Option(help="Default: the hardest.")] = None,
     scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Which one.")] = 0,
-    scenario_seed: Annotated[int | None, typer.Option(min=0, help="Seed of scenarios.")] = None,
+    scenario_seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of scenarios.")
+    ] = None,
 ) -> None:
     """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
-    extra = [] if scenario_seed is None else [f"eval.scenario_seed={scenario_seed}"]
-    job = job_of(env, lineage, running, [*extra, *searching.overrides()], asdict(inputs))
     from elast_cli.envs.registry import spec
+    from elast_cli.methods.table import method_named
     from elast_cli.stages import plan as stage
 
+    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
+    extra += searching.overrides()
+    uses = ("env", "eval", *method_named(method).sections)
+    job = job_of(env, lineage, running, extra, asdict(inputs), uses)
     wanted = stage.recipe_job(job, method, level or list(spec(env).levels)[-1], scenario)
     finish(wanted, running, stage.document)
 
@@ -143,7 +155,7 @@ def evaluate(
     named = {Ref.parse(text).env for text in asdict(inputs).values() if text}
     extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
-        job_of(name, lineage, running, extra, asdict(inputs))
+        job_of(name, lineage, running, extra, asdict(inputs), bench.sections(make=False))
         for name in bench.having_levels([env] if env else named or ENVS)
     ]
     jobs = stage.complete(jobs, bench)
@@ -157,7 +169,8 @@ def run_chain(
     """Do everything: data, training, evaluation; what is there already is not done again."""
     bench = benchmark_of(evaluating, lineage)
     bench.having_levels([env])
-    job = job_of(env, lineage, running, [*evaluating.overrides(), *searching.overrides()])
+    extra = [*evaluating.overrides(), *searching.overrides()]
+    job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
     report([job], bench, running, make=True)
 
 

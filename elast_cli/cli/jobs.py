@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from elast_cli.cli.options import Evaluating, Lineage, Running
-from elast_cli.cli.output import print_json, print_text
+from elast_cli.cli.options import Evaluating, Lineage, Override, Running
+from elast_cli.cli.output import print_json, print_rich, print_text
 from elast_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,8 +20,9 @@ def job_of(
     env: str,
     lineage: Lineage,
     running: Running,
-    extra: Sequence[str] = (),
+    extra: Sequence[Override] = (),
     given: Mapping[str, str | None] | None = None,
+    uses: Collection[str] | None = None,
 ) -> Job:
     """The job that the flags describe.
 
@@ -29,8 +30,9 @@ def job_of(
         env: the environment.
         lineage: preset, overrides, seed.
         running: how to run.
-        extra: further `--set` texts, which win.
+        extra: what other flags override; they win.
         given: refs named on the command line, by kind.
+        uses: sections of the preset that have an effect; others are noted. None: all have.
     """
     if running.fresh and running.resume:
         raise UsageError("--resume and --fresh contradict each other; give one of them")
@@ -41,16 +43,21 @@ def job_of(
     from elast_cli.store.manifest import Ref
     from elast_cli.store.store import Store
 
+    progress = console.reporter(quiet=running.quiet)
+    for flag, text in [*(("--set", text) for text in lineage.set or []), *extra]:
+        section = text.partition(".")[0].strip()
+        if uses is not None and section not in uses:
+            progress.note(f"{flag}: section {section!r} has no effect here ({text})")
     return Job(
         store=Store.default(),
         env=env,
         preset=lineage.preset,
-        config=presets.load(lineage.preset, env, [*(lineage.set or []), *extra]),
+        config=presets.load(lineage.preset, env, lineage.set or [], extra),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
         workers=running.workers or usable_cores(),
-        progress=console.reporter(quiet=running.quiet),
+        progress=progress,
         given={role: Ref.parse(text) for role, text in (given or {}).items() if text is not None},
         wait=not running.no_wait,
         force=running.force,
@@ -68,6 +75,7 @@ def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
         evaluating.seeds,
         lineage.seed,
         evaluating.require or [],
+        allow_overrides=evaluating.allow_overrides,
     )
 
 
@@ -82,7 +90,7 @@ def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: boo
         return
     reports = [run.evaluate_all(job, bench, make=make) for job in jobs]
     outcome = run.Outcome.of(jobs[0], reports)
-    print_json(outcome.document(bench)) if running.json else print_text(outcome.text())
+    print_json(outcome.document(bench)) if running.json else print_rich(outcome.view())
     outcome.require(bench)
 
 

@@ -11,11 +11,13 @@ import inspect
 import typing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from typer import Option
 
 from elast_cli.models.parts import CONTEXT, DATASET
+
+MAX_SEED = 2**63 - 1
 
 Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
@@ -23,6 +25,23 @@ Env = Annotated[str, Option("--env", metavar="NAME", help="Environment, such as 
 SomeEnv = Annotated[
     str | None, Option("--env", metavar="NAME", help="One environment; default: all that fit.")
 ]
+
+
+class Override(NamedTuple):
+    """A value of a preset that a flag overrides.
+
+    Attributes:
+        flag: whom errors name.
+        text: section.key=value.
+    """
+
+    flag: str
+    text: str
+
+
+def given(*values: tuple[str, str, object]) -> list[Override]:
+    """Overrides of those (flag, section.key, value) that have a value."""
+    return [Override(flag, f"{key}={value}") for flag, key, value in values if value is not None]
 
 
 @dataclass(frozen=True)
@@ -36,7 +55,9 @@ class Lineage:
         list[str] | None,
         Option("--set", metavar="SECTION.KEY=VALUE", help="Override one value; may be repeated."),
     ] = None
-    seed: Annotated[int, Option(min=0, help="Seed of data, training and planner.")] = 0
+    seed: Annotated[
+        int, Option(min=0, max=MAX_SEED, help="Seed of data, training and planner.")
+    ] = 0
 
 
 @dataclass(frozen=True)
@@ -70,15 +91,14 @@ class Fitting:
     log_freq: Annotated[int | None, Option(min=1, help="Steps between two log rows.")] = None
     save_freq: Annotated[int | None, Option(min=1, help="Steps between two checkpoints.")] = None
 
-    def overrides(self, section: str) -> list[str]:
-        """These flags as `--set` texts of a section."""
-        keys = {
-            "steps": self.steps,
-            "batch_size": self.batch_size,
-            "log_every": self.log_freq,
-            "save_every": self.save_freq,
-        }
-        return [f"{section}.fit.{key}={value}" for key, value in keys.items() if value is not None]
+    def overrides(self, section: str) -> list[Override]:
+        """What these flags override in a section."""
+        return given(
+            ("--steps", f"{section}.fit.steps", self.steps),
+            ("--batch-size", f"{section}.fit.batch_size", self.batch_size),
+            ("--log-freq", f"{section}.fit.log_every", self.log_freq),
+            ("--save-freq", f"{section}.fit.save_every", self.save_freq),
+        )
 
 
 def inputs_of(kinds: Sequence[str]) -> type[Any]:
@@ -105,7 +125,9 @@ class Evaluating:
         str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
     ] = None
     episodes: Annotated[int | None, Option(min=1, help="Scenarios a level and seed.")] = None
-    scenario_seed: Annotated[int | None, Option(min=0, help="Seed of the scenarios.")] = None
+    scenario_seed: Annotated[
+        int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
+    ] = None
     num_envs: Annotated[
         int | None, Option(min=1, help="Episodes that run side by side in a process.")
     ] = None
@@ -118,15 +140,18 @@ class Evaluating:
             metavar="'elast>=90'", help="Exit 3 if the success rate misses it; may be repeated."
         ),
     ] = None
+    allow_overrides: Annotated[
+        bool,
+        Option("--allow-overrides", help="Let --require pass models that --set made differ."),
+    ] = False
 
-    def overrides(self) -> list[str]:
-        """These flags as `--set` texts."""
-        keys = {
-            "episodes": self.episodes,
-            "scenario_seed": self.scenario_seed,
-            "num_envs": self.num_envs,
-        }
-        return [f"eval.{key}={value}" for key, value in keys.items() if value is not None]
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(
+            ("--episodes", "eval.episodes", self.episodes),
+            ("--scenario-seed", "eval.scenario_seed", self.scenario_seed),
+            ("--num-envs", "eval.num_envs", self.num_envs),
+        )
 
 
 @dataclass(frozen=True)
@@ -144,10 +169,12 @@ class Searching:
         ),
     ] = None
 
-    def overrides(self) -> list[str]:
-        """These flags as `--set` texts."""
-        keys = {"max_nodes": self.max_nodes, "time_budget": self.time_budget}
-        return [f"planner.{key}={value}" for key, value in keys.items() if value is not None]
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(
+            ("--max-nodes", "planner.max_nodes", self.max_nodes),
+            ("--time-budget", "planner.time_budget", self.time_budget),
+        )
 
 
 def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -26,7 +26,7 @@ def save_model(folder: Path, trained: Trained) -> None:
     weights = {k: _packed(v.detach().cpu()) for k, v in trained.module.state_dict().items()}
     with (folder / WEIGHTS).open("xb") as file:
         file.write(save(weights))
-    (folder / SPEC).write_text(dump_yaml(trained.spec.model_dump(mode="json")))
+    (folder / SPEC).write_text(dump_yaml(trained.spec.model_dump(mode="json")), encoding="utf-8")
 
 
 def _packed(tensor: Tensor) -> Tensor:

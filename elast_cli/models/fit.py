@@ -98,7 +98,7 @@ def _row(
 
 def write_metrics(rows: list[dict[str, float]], folder: Path) -> None:
     """Write the training curve as CSV and as a TensorBoard event file into `folder`."""
-    with (folder / METRICS).open("x", newline="") as file:
+    with (folder / METRICS).open("x", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

@@ -32,7 +32,7 @@ from elast_cli.stages.job import (
 )
 from elast_cli.stages.presets import EvalConfig
 from elast_cli.stages.report import write_results
-from elast_cli.stages.resolve import resolve
+from elast_cli.stages.resolve import overrides, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 
@@ -95,7 +95,9 @@ def _evaluate(
     for level in levels:
         _draw(run, method, level, [row for row in rows if row.level == level])
     lineage = {role: str(ref) for role, ref in inputs.items()}
-    overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
+    found = overrides(job.of_method(method_named(method)), inputs.values())
+    settings: JsonDict = {**run.recipe.config, "overrides": list(found)}
+    overall = write_results(run.staging, rows, lineage=lineage, settings=settings)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
     metrics["repeatable"] = time_budget(job, method_named(method)) is None
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}

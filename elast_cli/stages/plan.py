@@ -115,7 +115,7 @@ def _plan(
     config = method.configure(job.config).section(PLANNER, TreeConfig)
     plan = explain_plan(models, config, query, env)
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
-    with (run.staging / PLAN_FILE).open("x") as file:
+    with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
     support = models.part("ensemble", SupportedDynamics).support.latents.cpu().numpy()
     ends = np.concatenate([query.start, query.goal])

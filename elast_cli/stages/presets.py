@@ -34,6 +34,11 @@ def sections(env: str) -> dict[str, type[StrictModel]]:
     return {**found, "eval": EvalConfig}
 
 
-def load(name: str, env: str, overrides: Sequence[str] = ()) -> Preset:
+def load(
+    name: str,
+    env: str,
+    overrides: Sequence[str] = (),
+    flags: Sequence[tuple[str, str]] = (),
+) -> Preset:
     """The preset `name` for an environment; see `preset.load`."""
-    return preset.load(name, env, sections(env), overrides)
+    return preset.load(name, env, sections(env), overrides, flags)

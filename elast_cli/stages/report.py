@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from elast_cli.config import JsonDict
-from elast_cli.evaluation.rows import EpisodeRow, OverallRow
+from elast_cli.evaluation.rows import EpisodeRow, OverallRow, Results
 from elast_cli.evaluation.summary import results_document, summarize
 from elast_cli.evaluation.tables import table
-from elast_cli.stages.inspect import RESULTS_FILE, episode_rows
+from elast_cli.stages.inspect import RESULTS_FILE, WORLD, read_results, texts
 from elast_cli.stages.job import Job, RecipeJob
-from elast_cli.stages.presets import EvalConfig
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 
@@ -29,7 +28,7 @@ def write_results(
 ) -> list[OverallRow]:
     """The overall rows, once the results are in `folder` as JSON."""
     document = results_document(rows, lineage, settings)
-    with (folder / RESULTS_FILE).open("x") as file:
+    with (folder / RESULTS_FILE).open("x", encoding="utf-8") as file:
         json.dump(document, file, indent=1, allow_nan=False)
     return summarize(rows)
 
@@ -55,10 +54,13 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
     from elast_cli.pictures.success import bar_chart
 
     store, staging = job.store, run.staging
-    rows = [row for ref in evaluations.values() for row in episode_rows(store, ref)]
+    results = {key: read_results(store, ref) for key, ref in evaluations.items()}
+    rows = [row for found in results.values() for row in found.per_episode]
     lineage = {str(ref): store.manifest(ref).recipe.parents for ref in evaluations.values()}
-    overall = write_results(staging, rows, lineage=lineage, settings=_settings(job, run))
-    (staging / TABLE_FILE).write_text(table_text(overall) + "\n")
+    overall = write_results(
+        staging, rows, lineage=lineage, settings=_settings(job, run, list(results.values()))
+    )
+    (staging / TABLE_FILE).write_text(table_text(overall) + "\n", encoding="utf-8")
     bar_chart(overall, staging / CHART_FILE, title=f"{job.env}, preset {job.preset}")
     drawn: set[str] = set()
     for (method, _), ref in evaluations.items():
@@ -74,14 +76,15 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
     }
 
 
-def _settings(job: Job, run: Run) -> JsonDict:
-    settings = job.config.section("eval", EvalConfig)
+def _settings(job: Job, run: Run, results: Sequence[Results]) -> JsonDict:
+    """What the evaluations have in common, and what of their models is not of the preset."""
+    settings = [found.settings for found in results]
+    overrides = [text for found in settings for text in texts(found.get("overrides"))]
     return {
         **run.recipe.config,
         "preset": job.preset,
-        "episodes": settings.episodes,
-        "scenario_seed": settings.scenario_seed,
-        "domain": settings.domain,
+        **{key: settings[0].get(key) for key in (*WORLD, "episodes", "scenario_seed")},
+        "overrides": list(dict.fromkeys(overrides)),
     }
 
 

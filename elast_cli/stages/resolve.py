@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.models import parts
+from elast_cli.stages import differences
 from elast_cli.stages.job import Job, has_context
 from elast_cli.store.manifest import Manifest, Ref
 
@@ -51,10 +52,25 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
             raise MissingInputError(_missing(job, [*before, role][0], given))
     chosen = search.choose(wanted, {})
     assert chosen is not None  # the loop's last turn
-    found = [str(chosen[role]) for role in wanted if role not in given]
+    found = [_described(job, chosen[role]) for role in wanted if role not in given]
     if found:
         job.progress.note(f"using {', '.join(found)}")
     return {role: chosen[role] for role in wanted if role in roles}
+
+
+def _described(job: Job, ref: Ref) -> str:
+    """A ref, with what it was made by besides the preset."""
+    found = differences.of_sections(job, job.store.manifest(ref))
+    return f"{ref} ({'; '.join(found)})" if found else str(ref)
+
+
+def overrides(job: Job, refs: Iterable[Ref]) -> list[str]:
+    """What artifacts were made by besides the preset: `ref: section.key=value, not value`."""
+    return [
+        f"{ref}: {difference}"
+        for ref in refs
+        for difference in differences.of_sections(job, job.store.manifest(ref))
+    ]
 
 
 class _Search:
@@ -113,14 +129,17 @@ class _Search:
                 continue  # never chosen by itself; `elast verify` says what is wrong with it
             recipe = manifest.recipe
             lineage = recipe.preset, recipe.seed, recipe.variant
-            if lineage == (self.job.preset, self.job.seed, self.job.variant(role)):
+            fits = lineage == (self.job.preset, self.job.seed, self.job.variant(role))
+            if fits and not differences.of_world(self.job, manifest):
                 found.append((ref, manifest))
         return found
 
     def _checked(self, role: str, ref: Ref) -> Manifest:
         """The manifest of an artifact that the user named."""
         if ref.kind != role:
-            raise UsageError(f"--{role} {ref}: that is a {ref.kind}; list: elast ls --kind {role}")
+            raise UsageError(
+                f"--{role} {ref}: its kind is {ref.kind}, not {role}; list: elast ls --kind {role}"
+            )
         job = self.job
         if ref.env != job.env:
             raise DataError(f"--{role} {ref}: of environment {ref.env}, not {job.env}")
@@ -137,6 +156,8 @@ class _Search:
                 f"--{role} {ref}: made for methods with {_variant_text(recipe.variant)}, "
                 f"not for {_variant_text(job.variant(role))}"
             )
+        if world := differences.of_world(job, manifest):
+            raise DataError(f"--{role} {ref}: made in another world: {'; '.join(world)}")
         return manifest
 
     def _refuse_mixed(self, given: Sequence[tuple[Ref, Manifest]]) -> None:

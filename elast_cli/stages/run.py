@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
 from elast_cli.envs.registry import spec
@@ -13,15 +15,21 @@ from elast_cli.errors import MissingInputError, RequirementError, UsageError, su
 from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
 from elast_cli.evaluation.rows import Cell, EpisodeRow
 from elast_cli.evaluation.summary import results_document, summarize
+from elast_cli.evaluation.tables import table
 from elast_cli.methods.table import method_named
+from elast_cli.models.parts import closure
 from elast_cli.progress import Silent
 from elast_cli.stages import evaluate, report
 from elast_cli.stages.chain import make_models, planned_models
-from elast_cli.stages.inspect import episode_rows
+from elast_cli.stages.inspect import read_results, texts
 from elast_cli.stages.job import Job
-from elast_cli.stages.report import table_text
 from elast_cli.stages.resolve import present, resolve, roles_of
 from elast_cli.store.manifest import Ref
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+_SEED = re.compile("[0-9]{1,18}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -32,28 +40,47 @@ class Benchmark:
     levels: tuple[str, ...] | None
     seeds: tuple[int, ...]
     requirements: tuple[Requirement, ...] = ()
+    allow_overrides: bool = False
 
     @classmethod
     def parse(
-        cls, methods: str, levels: str | None, seeds: str | None, seed: int, bounds: Sequence[str]
+        cls,
+        methods: str,
+        levels: str | None,
+        seeds: str | None,
+        seed: int,
+        bounds: Sequence[str],
+        *,
+        allow_overrides: bool = False,
     ) -> Benchmark:
         """What the flags ask for.
 
         Raises:
             UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
         """
+        if seeds is not None and seed:
+            raise UsageError(f"--seed {seed} and --seeds {seeds} name seeds both; give one of them")
         names = _words(methods, "--methods")
         for name in names:
             method_named(name)
         wanted = _words(seeds, "--seeds") if seeds is not None else (str(seed),)
-        if not all(text.isascii() and text.isdigit() for text in wanted):
+        if not all(_SEED.fullmatch(text) for text in wanted):
             raise UsageError(f"--seeds {seeds!r}: expected numbers and commas, as in 0,1,2")
         return cls(
             names,
             _words(levels, "--level") if levels is not None else None,
             tuple(dict.fromkeys(int(text) for text in wanted)),
             tuple(parse_requirement(text) for text in bounds),
+            allow_overrides,
         )
+
+    def sections(self, *, make: bool) -> set[str]:
+        """The sections of a preset that an evaluation uses, and with `make` all stages before."""
+        methods = [method_named(name) for name in self.methods]
+        used = {"env", "eval", *(section for method in methods for section in method.sections)}
+        if make:
+            used |= {"collect", *(kind for method in methods for kind in closure(method.parts))}
+        return used
 
     def levels_of(self, env: str) -> tuple[str, ...]:
         """The levels to evaluate of one environment: those asked for that it has."""
@@ -191,32 +218,52 @@ class Outcome:
     rows: list[EpisodeRow]
     lineage: JsonDict
     folders: dict[str, str]
+    overrides: list[str]
 
     @classmethod
     def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:
         """The episodes of all reports."""
         store = job.store
-        rows = [row for ref in reports for row in episode_rows(store, ref)]
+        results = [read_results(store, ref) for ref in reports]
         lineage: JsonDict = {
             str(ref): {role: parent.ref for role, parent in store.manifest(ref).parents.items()}
             for ref in reports
         }
-        return cls(rows, lineage, {str(ref): str(store.path(ref)) for ref in reports})
+        return cls(
+            [row for found in results for row in found.per_episode],
+            lineage,
+            {str(ref): str(store.path(ref)) for ref in reports},
+            [text for found in results for text in texts(found.settings.get("overrides"))],
+        )
 
     def document(self, bench: Benchmark) -> JsonDict:
         """The results JSON."""
-        settings = {"methods": bench.methods, "seeds": bench.seeds, "reports": self.folders}
+        settings = {
+            "methods": bench.methods,
+            "seeds": bench.seeds,
+            "reports": self.folders,
+            "overrides": self.overrides,
+        }
         return results_document(self.rows, self.lineage, settings)
 
-    def text(self) -> str:
-        """The table, and where the pictures are."""
-        where = [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
-        return "\n".join([table_text(summarize(self.rows)), *where])
+    def view(self) -> Group:
+        """The table, what was overridden, and where the pictures are."""
+        from rich.console import Group
+        from rich.text import Text
+
+        notes = [f"not of the preset: {text}" for text in self.overrides]
+        notes += [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
+        return Group(table(summarize(self.rows)), Text("\n".join(notes)))
 
     def require(self, bench: Benchmark) -> None:
         """Raise RequirementError if a bound is missed."""
         if not bench.requirements:
             return
+        if self.overrides and not bench.allow_overrides:
+            raise RequirementError(
+                f"models are not of the preset: {'; '.join(self.overrides)}; "
+                "train them anew, or add --allow-overrides"
+            )
         verdicts = check(bench.requirements, summarize(self.rows))
         missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]
         if missed:

@@ -13,6 +13,7 @@ from elast_cli.config import JsonDict
 from elast_cli.errors import DataError
 from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
+from elast_cli.stages.differences import WITHOUT_EFFECT
 from elast_cli.stages.job import Job, RecipeJob, has_context, limit_threads, verify_files
 from elast_cli.stages.resolve import needs, refuse_without_context, resolve
 from elast_cli.store.manifest import Ref
@@ -37,9 +38,18 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
     if kind == CONTEXT:
         refuse_without_context(job.env)
     inputs = resolve(job, needs(job.env, kind))
-    config: JsonDict = {kind: job.config.plain(kind)}
+    config: JsonDict = {"env": job.config.env, kind: _settings(job, kind)}
     recipe = job.recipe(kind, config, inputs, algorithm_version=ALGORITHM_VERSION)
     return RecipeJob(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
+
+
+def _settings(job: Job, kind: str) -> JsonDict:
+    """The part's section, less what changes no weight."""
+    section = job.config.plain(kind)
+    fit = section["fit"]
+    assert isinstance(fit, dict)  # every section of a part has it
+    silent = {key.removeprefix("fit.") for key in WITHOUT_EFFECT}
+    return {**section, "fit": {key: value for key, value in fit.items() if key not in silent}}
 
 
 def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict:
