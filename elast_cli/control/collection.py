@@ -44,13 +44,14 @@ def collect_episode(
     action = np.full((length + 1, policy.action_size), np.nan, dtype=np.float32)
     state = np.empty((length + 1, *info["state"].shape), dtype=np.float32)
     pixels[0], state[0] = frame, info["state"]
-    steps, ended = 0, False
-    while steps < length and not ended:
-        action[steps] = policy.act(rng)
-        frame, _, terminated, truncated, info = env.step(action[steps])
-        steps, ended = steps + 1, terminated or truncated
-        pixels[steps], state[steps] = frame, info["state"]
-    rows = steps + 1
+    rows = 1
+    while rows <= length:
+        command = policy.act(rng)
+        frame, _, terminated, truncated, info = env.step(command)
+        action[rows - 1], pixels[rows], state[rows] = command, frame, info["state"]
+        rows += 1
+        if terminated or truncated:
+            break
     return Episode(
         pixels=pixels[:rows],
         action=action[:rows],

@@ -13,7 +13,7 @@ from elast_cli.control.plan_log import PlanLog
 from elast_cli.shapes import FRAMES, Float32, Int64, Uint8
 
 
-class World(Protocol):
+class Environment(Protocol):
     """What the loop needs of an environment."""
 
     def reset(self, *, options: dict[str, Any]) -> tuple[Uint8, dict[str, Any]]:
@@ -57,7 +57,7 @@ class Trace:
 
 def run_episodes(
     controller: Controller[Any],
-    envs: Sequence[World],
+    envs: Sequence[Environment],
     scenarios: Sequence[Any],
     *,
     max_steps: int,

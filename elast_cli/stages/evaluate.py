@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
 from elast_cli.engine.local import each
-from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.files import whole_file
@@ -50,14 +50,13 @@ def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:
         MissingInputError: a model that the method needs is not made yet.
     """
     entry = method_named(method)
-    known = spec(job.env).env_class
     inputs = resolve(job.of_method(entry), entry.parts)
     settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
         "sections": entry.settings(job.config),
         "env": job.config.env,
-        "levels": {level: known.level(level).max_steps for level in levels},
+        "levels": {level: job.task_info.level(level).max_steps for level in levels},
         "episodes": settings.episodes,
         "scenario_seed": settings.scenario_seed,
         "domain": settings.domain,
@@ -139,7 +138,7 @@ def _run_chunk(chunk: _Chunk) -> int:
 
     job = chunk.job
     limit_threads(job.threads)
-    level = spec(job.env).env_class.level(chunk.scenarios[0].level)
+    level = job.task_info.level(chunk.scenarios[0].level)
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
     traces = run_episodes(

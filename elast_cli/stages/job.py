@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.base import ElastEnv
-from elast_cli.envs.registry import spec
+from elast_cli.envs.base import TaskInfo
+from elast_cli.envs.registry import task_info
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.models.parts import PARTS, closure
 from elast_cli.preset import DEFAULT, Preset
@@ -64,6 +64,11 @@ class Job:
     force: bool = False
     fresh: bool = False
 
+    @property
+    def task_info(self) -> TaskInfo:
+        """Sizes, levels and success of the task."""
+        return task_info(self.env, self.config.env)
+
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
         words = f"--env {self.env}"
@@ -82,7 +87,7 @@ class Job:
         """What this job changes in a part, or in one that it is made from."""
         if not self.changes or kind not in PARTS:
             return {}
-        made_from = closure([kind], has_context=has_context(self.env))
+        made_from = closure([kind], has_context=self.task_info.has_context)
         return {part: self.changes[part] for part in made_from if part in self.changes}
 
     def recipe(
@@ -147,11 +152,6 @@ class RecipeJob:
             if job.fresh:
                 run.fresh()
             return run.publish(self.make(run))
-
-
-def has_context(env: str) -> bool:
-    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
-    return spec(env).env_class.context is not ElastEnv.context
 
 
 def resolve_device(device: str) -> str:

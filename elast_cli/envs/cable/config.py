@@ -49,5 +49,5 @@ class CableParamConfig(CableConfig):
         check_lanes(self.thickness, self.lane)
         check_range("reach", self.reach)
         if self.reach[1] >= 1:
-            raise ValueError(f"reach: {self.reach}: a wall right across the workspace leaves no way")
+            raise ValueError(f"reach: {self.reach}: a wall across the workspace leaves no way")
         return self
