@@ -42,7 +42,10 @@ def rectangle(image: Floats, rect: Rect, colour: Colour) -> tuple[slice, slice, 
 def _coverage(low: float, high: float) -> tuple[slice, Floats]:
     """Pixels that the interval [low, high] touches, and the covered share of each."""
     first, last = max(math.floor(low), 0), min(math.ceil(high), IMAGE_SIZE)
-    share = [min(i + 1, high) - max(i, low) for i in range(first, last)]
+    share = [1.0] * (last - first)
+    if share:  # only the first and the last can be covered in part
+        share[0] = min(first + 1, high) - max(first, low)
+        share[-1] = min(last, high) - max(last - 1, low)
     return slice(first, last), np.array(share)
 
 
