@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from elast_cli.methods.table import Models
 from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.tree.forest import DIRECTION
 from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.forest import DIRECTION
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
