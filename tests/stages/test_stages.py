@@ -138,9 +138,7 @@ def test_given_artifacts_of_two_lineages_are_refused_with_both_digests(job: Job)
 
 def test_a_ref_of_another_kind_is_a_usage_error(job: Job) -> None:
     refs = lineage(job)
-    with pytest.raises(
-        UsageError, match="--encoder block-s/policy/v1: its kind is policy"
-    ):
+    with pytest.raises(UsageError, match="--encoder block-s/policy/v1: its kind is policy"):
         resolve(replace(job, given={"encoder": refs["policy"]}), ("encoder",))
 
 
