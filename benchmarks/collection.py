@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.document import Figure
 from benchmarks.trained import Bench
 from elast_cli.envs.random_policy import RandomPolicy
-from elast_cli.envs.registry import make
+from elast_cli.envs.registry import make_simulated
 from elast_cli.preset import load
 
 PRESET = "standard"
@@ -90,7 +90,7 @@ class Spent(NamedTuple):
 def bare_loop(name: str, seconds: float = BARE_SECONDS) -> Spent:
     """Seconds a frame of `set_state`, `advance` and `frame` alone, in this process."""
     config = load(PRESET, name)
-    env, rng = make(name, config.env), np.random.default_rng(0)
+    env, rng = make_simulated(name, config.env), np.random.default_rng(0)
     policy = RandomPolicy(env.action_size, config.collect.policy)
     length, frames = config.collect.episode_steps, 0
     episodes = []

@@ -12,7 +12,7 @@ from elast_cli.control.base import Task
 from elast_cli.control.followers import PlayActions, TrackStates
 from elast_cli.control.random_actions import Random
 from elast_cli.control.replan import Replan
-from elast_cli.envs.registry import ENVS, spec
+from elast_cli.envs.registry import ENVS, task_info
 from elast_cli.errors import DataError, UsageError
 from elast_cli.methods.table import (
     METHODS,
@@ -97,7 +97,7 @@ def ramp(table: QuantileTable, top: float) -> None:
 def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     """Untrained models for an environment, a folder for each kind."""
     torch.manual_seed(0)
-    action = spec(env).action_size
+    action = task_info(env).action_size
     encoder = Representation(
         EncoderConfig(latent_size=LATENT, width=8, pool=8), CpcConfig(dynamics_width=8), action, 0
     )
@@ -150,7 +150,7 @@ def test_every_method_builds_from_what_it_needs_and_acts(
     state = built.begin(task)
     for _ in range(2):
         action, state = built.act(state, frames, np.ones(ROWS, bool))
-        assert action.shape == (ROWS, spec(env).action_size)
+        assert action.shape == (ROWS, task_info(env).action_size)
         assert (np.abs(action) <= 1).all()
 
 

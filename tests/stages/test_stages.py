@@ -17,7 +17,7 @@ from elast_cli.errors import DataError, MissingInputError, UnavailableError, Usa
 from elast_cli.progress import Silent
 from elast_cli.stages import collect, train
 from elast_cli.stages.job import Job, Step, resolve_device
-from elast_cli.stages.resolve import ROLES, has_context, needs, resolve
+from elast_cli.stages.resolve import ROLES, needs, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 from elast_cli.store.store import Store
@@ -167,7 +167,7 @@ def param_lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
     """A whole chain of stand-ins with contexts."""
     made: dict[str, Ref] = {}
     for role in ROLES:
-        inputs = {need: made[need] for need in needs(job.env, role)}
+        inputs = {need: made[need] for need in needs(job, role)}
         made[role] = publish(job, role, inputs, mark=mark if role == "dataset" else 0)
     return made
 
