@@ -20,7 +20,7 @@ from benchmarks.trained import Bench, row
 from elast_cli.inference.dense import DenseNetwork
 from elast_cli.methods.table import Models, tree_planner
 from elast_cli.planners.base import Query, World
-from elast_cli.planners.tree.search import TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
 
 MOST = 1.5
 NETWORKS = {  # called by each function of the world

@@ -16,7 +16,8 @@ from numba import njit
 from benchmarks.document import Figure
 from benchmarks.trained import Bench
 from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.tree.search import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 RANGE = 0.07

@@ -19,7 +19,7 @@ from elast_cli.envs.registry import ENVS, make, scenarios
 from elast_cli.inference.frames import FrameEncoder
 from elast_cli.methods.table import METHODS, Models, load_models
 from elast_cli.planners.base import Query
-from elast_cli.planners.tree.search import TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.progress import Progress, Silent
 from elast_cli.shapes import FRAMES
 from elast_cli.stages.chain import make_models

@@ -16,12 +16,13 @@ from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
 from elast_cli.envs.registry import task_info
 from elast_cli.planners.base import Limits, Plan, Query, Radii
-from elast_cli.planners.tree.search import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.config import BatchConfig, TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Float32
 
 LIMITS = Limits(min_log_density=-0.5, max_round_trip=1e-3)
 RADII = Radii(neighbor=RANGE, goal=0.05, crowding=RANGE / 2, duplicate=0.01)
-CONFIG = TreeConfig(expansions=4000, batch_min=1, batch_max=1)
+CONFIG = TreeConfig(expansions=4000, batch=BatchConfig(min=1, max=1))
 TINY = replace(
     QUICK,
     overrides=(

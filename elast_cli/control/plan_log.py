@@ -1,4 +1,4 @@
-"""What planning costs in an episode."""
+"""What planning costs in an episode, and what it finds."""
 
 from __future__ import annotations
 
@@ -7,28 +7,32 @@ from typing import Any
 
 import numpy as np
 
-from elast_cli.planners.base import Plan
+from elast_cli.planners.base import Plan, PlanCost
 from elast_cli.shapes import Float32, Int64
 
 
 @dataclass(frozen=True)
 class PlanLog:
-    """What planning cost and found, summed over an episode's plans; arrays [B]."""
+    """The plans of B episodes, summed up.
+
+    Attributes:
+        plans: number of plans [B].
+        seconds: wall time of all of them, and of the first [B].
+        reached: plans whose path ended within the goal radius [B].
+        cost: network calls.
+    """
 
     plans: Int64
     seconds: Float32
     first_seconds: Float32
     reached: Int64
-    transitions: Int64
-    density_calls: Int64
-    policy_calls: Int64
+    cost: PlanCost
 
     @classmethod
     def empty(cls, rows: int) -> PlanLog:
         """Nothing planned yet."""
-        zero = np.zeros(rows, np.int64)
-        no_time = np.zeros(rows, np.float32)
-        return cls(zero, no_time, no_time, zero, zero, zero, zero)
+        zero, no_time = np.zeros(rows, np.int64), np.zeros(rows, np.float32)
+        return cls(zero, no_time, no_time, zero, PlanCost.zero(rows))
 
     def add(self, plan: Plan, rows: Int64, seconds: float) -> PlanLog:
         """With one more plan at each of `rows`; its wall time is shared evenly among them."""
@@ -38,12 +42,11 @@ class PlanLog:
             total[rows] += value
             return total
 
+        each = seconds / len(rows)
         return PlanLog(
             put(self.plans, 1),
-            put(self.seconds, seconds / len(rows)),
-            put(self.first_seconds, np.where(self.plans[rows] == 0, seconds / len(rows), 0)),
+            put(self.seconds, each),
+            put(self.first_seconds, np.where(self.plans[rows] == 0, each, 0)),
             put(self.reached, plan.reached),
-            put(self.transitions, plan.transitions),
-            put(self.density_calls, plan.density_calls),
-            put(self.policy_calls, plan.policy_calls),
+            self.cost.plus(plan.cost, rows),
         )

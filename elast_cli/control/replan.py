@@ -124,14 +124,14 @@ class Replan:
 
     def _replanned(self, state: Following, z: Float32, rows: Int64) -> Following:
         """New plans for `rows`; if no way is left besides what failed, with that forgotten."""
-        state, barred = self._planned(state, z, rows)
-        if not len(barred):
+        state, blocked = self._planned(state, z, rows)
+        if not len(blocked):
             return state
         failed, memory = list(state.failed), list(state.memory)
-        for b in barred.tolist():
+        for b in blocked.tolist():
             failed[b], memory[b] = failed[b][:0], None  # the tree, too, was kept from there
         forgetful = replace(state, failed=tuple(failed), memory=tuple(memory))
-        return self._planned(forgetful, z, barred)[0]
+        return self._planned(forgetful, z, blocked)[0]
 
     def _planned(self, state: Following, z: Float32, rows: Int64) -> tuple[Following, Int64]:
         """New plans for `rows`, and those of them that what failed leaves no way."""
@@ -155,7 +155,7 @@ class Replan:
         age[rows], stalled[rows] = 0, 0
         route = (state.route or _standing(z, plan)).updated(plan, rows)
         state = replace(state, route=route, age=age, stalled=stalled, log=log, memory=tuple(memory))
-        return state, rows[np.array(plan.barred, np.int64)]
+        return state, rows[np.array(plan.blocked, np.int64)]
 
 
 def _standing(z: Float32, plan: Plan) -> Route:

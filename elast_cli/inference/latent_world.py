@@ -19,6 +19,7 @@ from elast_cli.models.nets import ForwardModel, LatentScale
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners import grid
 from elast_cli.planners.grid import Cells
+from elast_cli.planners.neighbors import any_within
 from elast_cli.shapes import Bool, Float32, Int64
 
 
@@ -195,7 +196,7 @@ class LatentWorld:
             found = grid.empty_cells(1, len(self.support), axes=self.axes, side=limit)
             grid.add(found, self.support[None], np.zeros(1, int), np.array([len(self.support)]))
             self._cells[limit] = found
-        return grid.any_within(self._cells[limit], z, limit)
+        return any_within(self._cells[limit], z, limit)
 
     def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
         """π's action [M,A] from z to z'."""

@@ -19,7 +19,8 @@ from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Planner
 from elast_cli.planners.shooting import ShootingPlanner
-from elast_cli.planners.tree.search import ElastPlanner, TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset
 
 
@@ -46,9 +47,9 @@ def planner(models: Models, config: TreeConfig) -> Planner:
     """
     trees = tree_planner(models, config)
     median = models.part("encoder", Representation).step_length(0.5)
-    if not config.refine:
+    if not config.refine.iterations:
         return trees
-    goal, kept = config.refine_goal_steps * median, config.refine_kept_steps * median
+    goal, kept = config.refine.goal_steps * median, config.refine.kept_steps * median
     return ShootingPlanner(trees, median, goal, kept)
 
 

@@ -13,8 +13,9 @@ from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.loading import Models
 from elast_cli.models.ensemble.support import Support, SupportedDynamics
 from elast_cli.planners.base import Query
+from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.forest import path_to
-from elast_cli.planners.tree.search import Search, TreeConfig
+from elast_cli.planners.tree.search import Search
 from elast_cli.shapes import Float32, Int32, Int64
 
 Distance = Callable[[Float32, Float32], float]  # of two states, in the environment's unit
@@ -62,9 +63,7 @@ def explain_plan(
         "nodes": size,
         "expansions": config.expansions,
         "repeatable": config.time_budget is None,
-        "transitions": int(search.tally.transitions[0]),
-        "density_calls": int(search.tally.density[0]),
-        "policy_calls": int(search.tally.policy[0]),
+        **{name: int(calls[0]) for name, calls in vars(search.cost).items()},
         "limits": _finite(asdict(planner.limits)),
         "radii": _finite(asdict(planner.radii)),
         "goal": _goal(models, search),
@@ -102,7 +101,7 @@ def _goal(models: Models, search: Search) -> JsonDict:
     distance = float(_support_distance(models, search.query.goal)[0])
     return {
         "support_distance": distance,
-        "supported": bool(distance <= search.limits.max_support_distance),
+        "supported": bool(distance <= search.growth.transitions.limits.max_support_distance),
         "nearest_node_distance": float(search.forest.nearest_distance[0]),
     }
 
@@ -111,7 +110,7 @@ def _path(
     models: Models, search: Search, path: Int64, nearest: Int64, distance: Distance | None
 ) -> Sequence[JsonDict]:
     """One entry a node: where it is, and the edge that leads to it."""
-    forest, world = search.forest, search.world
+    forest, world = search.forest, search.growth.transitions.world
     latent = forest.latent[0, path]
     row = np.zeros(len(path), np.int64)
     states = _support(models).states.cpu().numpy()[nearest]

@@ -115,9 +115,10 @@ def names(methods: Collection[Method]) -> str:
     return ", ".join(method.name for method in methods)
 
 
-PLANNER = {"planner": "elast_cli.planners.tree.search:TreeConfig"}
+PLANNER = {"planner": "elast_cli.planners.tree.config:TreeConfig"}
 CONTROL = {"control": "elast_cli.control.base:ControlConfig"}
 TREES_ALONE = {"follow": "states", "replan_every": 20}
+ONE_BY_ONE = {"min": 1, "max": 1}
 
 register(
     Method(
@@ -150,68 +151,74 @@ variant(
     "elast-psi",
     of="elast",
     about="without the support and round-trip tests",
-    planner={"support_quantile": None, "round_trip_quantile": None},
+    planner={"tests": {"support_quantile": None, "round_trip_quantile": None}},
 )
 variant(
     "elast-literal",
     of="elast-psi",
     about="Sec. 4.3 to the letter",
     planner={
-        "batch_min": 1,
-        "batch_max": 1,
-        "sparse_exponent": 1.0,
-        "crowding": "reachable",
-        "crowding_steps": None,
-        "count_rejections": False,
-        "edge_actions": 0.0,
-        "momentum": 0.0,
+        "batch": ONE_BY_ONE,
+        "sampling": {
+            "sparse_exponent": 1.0,
+            "crowding": "reachable",
+            "crowding_steps": None,
+            "count_rejections": False,
+        },
+        "actions": {"edge": 0.0, "momentum": 0.0},
+        "rewire": {"candidates": 1_000_000},
+        "reuse": {"enabled": False, "failure_steps": 0.0},
+        "refine": {"iterations": 0},
         "duplicate_steps": 0.0,
-        "connect_candidates": 1_000_000,
         "prune": False,
-        "reuse": False,
-        "failure_steps": 0.0,
-        "refine": 0,
     },
     control={**TREES_ALONE, "patience": 0},
 )
+variant("elast-serial", of="elast", about="one expansion at a time", planner={"batch": ONE_BY_ONE})
 variant(
-    "elast-serial",
+    "elast-no-reuse",
     of="elast",
-    about="one expansion at a time",
-    planner={"batch_min": 1, "batch_max": 1},
+    about="every plan grows a new tree",
+    planner={"reuse": {"enabled": False}},
 )
-variant("elast-no-reuse", of="elast", about="every plan grows a new tree", planner={"reuse": False})
 variant(
     "elast-no-refine",
     of="elast",
     about="trees alone, no shooting",
-    planner={"refine": 0},
+    planner={"refine": {"iterations": 0}},
     control=TREES_ALONE,
 )
-variant("elast-no-support", of="elast", about="no support test", planner={"support_quantile": None})
+variant(
+    "elast-no-support",
+    of="elast",
+    about="no support test",
+    planner={"tests": {"support_quantile": None}},
+)
 variant(
     "elast-no-roundtrip",
     of="elast",
     about="no round-trip test",
-    planner={"round_trip_quantile": None},
+    planner={"tests": {"round_trip_quantile": None}},
 )
 for _base in ("elast", "elast-psi"):
     variant(
         f"{_base}-no-density",
         of=_base,
         about="ψ rejects nothing",
-        planner={"density_quantile": None},
+        planner={"tests": {"density_quantile": None}},
     )
-    variant(f"{_base}-no-rewire", of=_base, about="no rewiring", planner={"rewire": False})
+    variant(
+        f"{_base}-no-rewire", of=_base, about="no rewiring", planner={"rewire": {"enabled": False}}
+    )
     variant(
         f"{_base}-no-sparse",
         of=_base,
         about="no bias to sparse nodes",
-        planner={"p_sparse": 0.0, "p_uniform": 0.98},
+        planner={"sampling": {"p_sparse": 0.0, "p_uniform": 0.98}},
     )
     variant(
         f"{_base}-no-ensemble",
         of=_base,
         about="h_f alone, no variance test",
-        planner={"use_ensemble": False, "variance_quantile": None},
+        planner={"use_ensemble": False, "tests": {"variance_quantile": None}},
     )

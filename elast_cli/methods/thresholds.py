@@ -13,7 +13,7 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Limits, Radii
-from elast_cli.planners.tree.search import TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
 
 LONGEST_MARGIN = 1.05  # over the longest observed step: no step is thought to be longer
 
@@ -29,14 +29,16 @@ def limits(models: Models, config: TreeConfig) -> Limits:
         return off if quantile is None else float(table.at(quantile))
 
     dynamics, off = models.part("ensemble", SupportedDynamics), np.inf
-    support = at(dynamics.support.distance_quantiles, config.support_quantile, off)
-    _check_length(support, "distances to the support", "support", config, "train-ensemble")
+    support = at(dynamics.support.distance_quantiles, config.tests.support_quantile, off)
+    quantile = config.tests.support_quantile
+    of, key = "distances to the support", "tests.support_quantile"
+    _check_length(support, of, key, quantile, "train-ensemble")
     density, policy = models.part("density", TransitionDensity), models.part("policy", LocalPolicy)
     return Limits(
-        at(density.log_density_quantiles, config.density_quantile, -off),
-        at(dynamics.ensemble.variance_quantiles, config.variance_quantile, off),
+        at(density.log_density_quantiles, config.tests.density_quantile, -off),
+        at(dynamics.ensemble.variance_quantiles, config.tests.variance_quantile, off),
         support,
-        at(policy.round_trip_quantiles, config.round_trip_quantile, off),
+        at(policy.round_trip_quantiles, config.tests.round_trip_quantile, off),
     )
 
 
@@ -48,35 +50,37 @@ def radii(models: Models, config: TreeConfig) -> Radii:
     """
     encoder = models.part("encoder", Representation)
     median = encoder.step_length(0.5)
-    crowding = np.inf if config.crowding_steps is None else config.crowding_steps * median
-    neighbor = encoder.step_length(config.neighbor_quantile)
-    _check_length(neighbor, "lengths of observed steps", "neighbor", config, "train-encoder")
+    steps = config.sampling.crowding_steps
+    crowding = np.inf if steps is None else steps * median
+    neighbor = encoder.step_length(config.rewire.neighbor_quantile)
+    quantile = config.rewire.neighbor_quantile
+    of, key = "lengths of observed steps", "rewire.neighbor_quantile"
+    _check_length(neighbor, of, key, quantile, "train-encoder")
     return Radii(
         neighbor=neighbor,
         goal=config.goal_steps * median,
         crowding=crowding,
-        failure=config.failure_steps * median,
+        failure=config.reuse.failure_steps * median,
         duplicate=config.duplicate_steps * median,
         longest=LONGEST_MARGIN * encoder.step_length(1.0),
     )
 
 
-def _check_length(length: float, of: str, setting: str, config: TreeConfig, command: str) -> None:
+def _check_length(length: float, of: str, key: str, quantile: float | None, maker: str) -> None:
     """Refuse a length that no grid of cells can be made of.
 
     Args:
         length: a quantile.
         of: what it is a quantile of.
-        setting: what its key in `planner` begins with.
-        config: the settings.
-        command: trains the model that the quantile is stored with.
+        key: of the quantile in a preset.
+        quantile: its value.
+        maker: command that trains the model that the quantile is stored with.
 
     Raises:
         DataError: the length is not positive.
     """
     if not length > 0:
-        key = f"{setting}_quantile"
         raise DataError(
-            f"the {getattr(config, key):g} quantile of the {of} is {length:g}, which no search can "
-            f"use; raise it by --set planner.{key}=..., or train on other data: elast {command}"
+            f"the {quantile:g} quantile of the {of} is {length:g}, which no search can use; raise "
+            f"it by --set planner.{key}=..., or train on other data: elast {maker}"
         )

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from torch import Tensor
 
 from elast_cli.config import StrictModel
-from elast_cli.planners.base import Plan, Query
+from elast_cli.planners.base import Plan, PlanCost, Query
 from elast_cli.seeding import derived_seed
 
 
@@ -78,15 +78,14 @@ class CemPlanner:
         states = np.stack([path.numpy() for _, path in found])
         remaining = np.linalg.norm(states[:, -1] - query.goal, axis=1)
         calls = config.num_samples * config.n_steps * config.horizon * self.rollout.members
-        none = np.zeros(rows, np.int64)
+        cost = PlanCost.zero(rows)
+        cost.transitions[:] = calls
         return Plan(
             states=states,
             actions=np.stack([actions.numpy() for actions, _ in found]),
             length=np.full(rows, config.horizon + 1),
             reached=remaining <= self.goal_radius,
-            transitions=np.full(rows, calls),
-            density_calls=none,
-            policy_calls=none,
+            cost=cost,
         )
 
     @torch.inference_mode()

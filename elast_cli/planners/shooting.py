@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elast_cli.planners.base import Plan, Query, World
-from elast_cli.planners.tree import forest as tree
+from elast_cli.planners.base import Plan, PlanCost, Query, World
 from elast_cli.planners.tree import reuse
-from elast_cli.planners.tree.forest import Forest
+from elast_cli.planners.tree.forest import Forest, path_to
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.shapes import Float32, Float64
 
@@ -172,23 +171,21 @@ class ShootingPlanner:
     def plan(self, query: Query) -> Plan:
         """One path a query row."""
         world, rows = self.tree.world(query.context), len(query.start)
-        none = np.zeros(rows, np.int64)
+        kept = self.tree.config.reuse.enabled
+        cost = PlanCost.zero(rows)
         memory: list[object] = list(query.memory or [None] * rows)
         paths = [self._continued(world, query, b) for b in range(rows)]
-        spent = np.array([path.transitions * world.members for path in paths], np.int64)
-        density, policy = none, none.copy()
+        cost.transitions[:] = [path.transitions * world.members for path in paths]
         left = [self._ends_within(self.kept, paths[b], query, b) for b in range(rows)]
         due = np.flatnonzero(~np.array(left, np.bool_))
         if len(due):
             search = self.tree.grow(query.at(due))
-            tally = search.tally
-            density[due], policy[due] = tally.density, tally.policy
-            spent[due] += tally.transitions
+            cost.add(search.cost, due)
             for i, b in enumerate(due.tolist()):
                 found = self._from_tree(world, search.forest, i, b)
-                spent[b] += sum(path.transitions for path in found) * world.members
+                cost.transitions[b] += sum(path.transitions for path in found) * world.members
                 paths[b] = self._best([paths[b], *found], query, b)
-                memory[b] = reuse.remember(search.forest, i) if self.tree.config.reuse else None
+                memory[b] = reuse.remember(search.forest, i) if kept else None
         longest = max(len(path.states) for path in paths)
         reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
         return Plan(
@@ -196,12 +193,9 @@ class ShootingPlanner:
             actions=np.stack([_lengthened(path.actions, longest - 1) for path in paths]),
             length=np.array([len(path.states) for path in paths]),
             reached=reached,
-            transitions=spent,
-            density_calls=density,
-            policy_calls=policy,
-            repeatable=self.tree.config.time_budget is None,
-            memory=memory if self.tree.config.reuse else (),
-            barred=[
+            cost=cost,
+            memory=memory if kept else (),
+            blocked=[
                 b
                 for b in due.tolist()
                 if len(query.failed) and len(query.failed[b]) and not reached[b]
@@ -216,7 +210,8 @@ class ShootingPlanner:
             left = query.left[b, : played[-1] + 1] if len(played) else left
         step, goal = _step(world, b), query.goal[b]
         path = shot(step, query.start[b], np.clip(left, -1, 1), goal)
-        return refined(step, path, goal, unit=self.unit, iterations=self.tree.config.refine)
+        iterations = self.tree.config.refine.iterations
+        return refined(step, path, goal, unit=self.unit, iterations=iterations)
 
     def _from_tree(self, world: World, forest: Forest, i: int, b: int) -> list[Shot]:
         """Paths of tree i, which is row b's, to its nodes nearest to the goal, refined.
@@ -225,11 +220,11 @@ class ShootingPlanner:
         """
         config, start, goal = self.tree.config, forest.latent[i, 0], forest.goal[i]
         step, paths = _step(world, b), []
-        for node in endings(forest, i, config.refine_paths):
-            actions = forest.action[i, tree.path_to(forest, i, node)[1:]]
+        for node in endings(forest, i, config.refine.paths):
+            actions = forest.action[i, path_to(forest, i, node)[1:]]
             paths.append(shot(step, start, np.clip(actions, -1, 1), goal))
         dropped: list[Shot] = []
-        iterations, left = FIRST_ITERATIONS, config.refine
+        iterations, left = FIRST_ITERATIONS, config.refine.iterations
         while left > 0 and paths:
             iterations = min(iterations, left)
             paths = [

@@ -193,7 +193,8 @@ def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
             a, b = ({level: steps[level] for level in shared} for steps in (a, b))
         if a is not None and b is not None and a != b:
             raise DataError(
-                f"{text_a} and {text_b} are of different worlds: {key} {_json(a)} against {_json(b)}"
+                f"{text_a} and {text_b} are of different worlds: "
+                f"{key} {_json(a)} against {_json(b)}"
             )
     return compare(*(found.per_episode for found in results))
 

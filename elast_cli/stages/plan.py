@@ -95,7 +95,7 @@ def _plan(
     from elast_cli.models.encoder.cpc import Representation
     from elast_cli.models.ensemble.support import SupportedDynamics
     from elast_cli.planners.base import Query
-    from elast_cli.planners.tree.search import TreeConfig
+    from elast_cli.planners.tree.config import TreeConfig
 
     limit_threads(job.threads)
     note_if_unrepeatable(job, method)

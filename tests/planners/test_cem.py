@@ -118,9 +118,9 @@ def test_a_warm_start_begins_with_the_actions_left() -> None:
 
 def test_every_predicted_transition_is_counted_once_a_member() -> None:
     plan = planned(query())
-    assert plan.transitions.tolist() == [60 * 6 * 10 * 3] * 3
-    assert not plan.density_calls.any()
-    assert not plan.policy_calls.any()
+    assert plan.cost.transitions.tolist() == [60 * 6 * 10 * 3] * 3
+    assert not plan.cost.density_calls.any()
+    assert not plan.cost.policy_calls.any()
 
 
 def test_where_every_rollout_overflows_the_plan_stays_and_is_not_reached() -> None:

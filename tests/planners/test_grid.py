@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from elast_cli.planners import grid
 from elast_cli.planners.grid import Cells
+from elast_cli.planners.neighbors import any_within, drop_copies, find_pairs
 from elast_cli.shapes import Float32, Int64
 
 
@@ -62,7 +63,7 @@ def test_pairs_are_those_that_brute_force_finds(
     }
     while True:
         pairs, gaps = np.empty((3, room), np.int32), np.empty(room, np.float32)
-        count = grid.find_pairs(found, rows, queries, wanted, radius, pairs, gaps)
+        count = find_pairs(found, rows, queries, wanted, radius, pairs, gaps)
         if count <= room:
             break
         room = count
@@ -82,7 +83,7 @@ def test_copies_of_no_costlier_points_are_dropped(
     rng = np.random.default_rng(seed)
     cost, new_cost = (rng.integers(4, size=s).astype(np.int32) for s in ((2, 60), (2, 5)))
     wanted = np.ones((2, 5), np.bool_)
-    grid.drop_copies(found, np.arange(2), queries, wanted, radius, cost, new_cost)
+    drop_copies(found, np.arange(2), queries, wanted, radius, cost, new_cost)
     for b in range(2):
         for k in range(5):
             near = gap(queries[b, k], points[b, : size[b]]) < radius
@@ -94,7 +95,7 @@ def test_no_radius_means_that_nothing_is_dropped() -> None:
     point = np.zeros((1, 1, 2), np.float32)
     grid.add(found, point, np.array([0]), np.array([1]))
     wanted, cost = np.array([[True]]), np.zeros((1, 1), np.int32)
-    grid.drop_copies(found, np.arange(1), point, wanted, 0.0, cost, cost)
+    drop_copies(found, np.arange(1), point, wanted, 0.0, cost, cost)
     assert wanted.all()
 
 
@@ -105,7 +106,7 @@ def test_any_within_is_what_the_nearest_says(
 ) -> None:
     found, points, size, queries = crowd(seed, dimensions, side)
     expected = [gap(query, points[0, : size[0]]).min() <= radius for query in queries[0]]
-    assert grid.any_within(found, queries[0], radius).tolist() == expected
+    assert any_within(found, queries[0], radius).tolist() == expected
 
 
 def test_cells_reach_far_and_to_negative_places() -> None:
@@ -115,7 +116,7 @@ def test_cells_reach_far_and_to_negative_places() -> None:
     pairs, gaps = np.empty((3, 9), np.int32), np.empty(9, np.float32)
     wanted = np.array([[True, True]])
     queries = np.ascontiguousarray(points[:, :2])
-    count = grid.find_pairs(found, np.arange(1), queries, wanted, 1.0, pairs, gaps)
+    count = find_pairs(found, np.arange(1), queries, wanted, 1.0, pairs, gaps)
     assert sorted(zip(*pairs[1:, :count].tolist(), strict=True)) == [(0, 0), (0, 2), (1, 1)]
 
 

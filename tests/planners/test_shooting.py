@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from elast_cli.planners import shooting
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.shooting import ShootingPlanner, Shot, end_slope, refined, shot
-from elast_cli.planners.tree.search import ElastPlanner, TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.shapes import Float32
-from tests.planners.tree.test_search import LIMITS, RADII, worlds
 from tests.toys.box import REACH, Box, only, problems
+from tests.toys.trees import LIMITS, RADII, tree_config, worlds
 
 seeds = st.integers(0, 2**31)
 law = settings(deadline=None, max_examples=20)
-EASY = {"expansions": 400, "replan_expansions": 100, "refine": 8, "refine_paths": 3}
+EASY = {"expansions": 400, "reuse__expansions": 100, "refine__iterations": 8, "refine__paths": 3}
 
 
 def bent(z: Float32, action: Float32) -> Float32:
@@ -118,7 +118,7 @@ def test_steps_of_the_model_are_counted() -> None:
 
 
 def planner(world: Box, *, goal: float = 0.02, **changes: object) -> ShootingPlanner:
-    config = TreeConfig(**{**EASY, **changes})  # type: ignore[arg-type]
+    config = tree_config(**{**EASY, **changes})
     return ShootingPlanner(ElastPlanner(world.at, config, LIMITS, RADII), REACH, goal, goal)
 
 
@@ -168,7 +168,9 @@ def test_a_row_of_a_batch_equals_its_solo_run(seed: int, world: Box) -> None:
             n = together.length[b]
             np.testing.assert_array_equal(together.states[b, :n], alone.states[0])
             np.testing.assert_array_equal(together.actions[b, : n - 1], alone.actions[0])
-            for name in ("length", "reached", "transitions", "density_calls", "policy_calls"):
+            for name, calls in vars(alone.cost).items():
+                assert getattr(together.cost, name)[b] == calls[0], name
+            for name in ("length", "reached"):
                 assert getattr(together, name)[b] == getattr(alone, name)[0], name
 
 
@@ -182,7 +184,7 @@ def test_what_is_left_of_a_plan_that_still_arrives_is_kept_without_a_tree() -> N
     second = ours.plan(replace(query, start=start, left=left, memory=first.memory))
     assert second.length.tolist() == (first.length - 1).tolist()
     assert (gaps(query, second) <= 0.02).all()
-    assert second.density_calls.tolist() == [0, 0]
+    assert second.cost.density_calls.tolist() == [0, 0]
     assert [a is b for a, b in zip(second.memory, first.memory, strict=True)] == [True, True]
 
 

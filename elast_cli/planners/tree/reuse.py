@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from elast_cli.planners.grid import NONE
-from elast_cli.planners.tree import forest as tree
-from elast_cli.planners.tree.forest import Forest
+from elast_cli.planners.tree.edges import lengths
+from elast_cli.planners.tree.forest import Forest, link
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 
@@ -55,7 +55,7 @@ def restore(forest: Forest, b: int, memory: Memory) -> None:
     forest.depth[b, :n] = memory.depth[:n]
     forest.crowding[b, :n] = memory.crowding[:n]
     forest.size[b] = n
-    tree.link(forest, b, memory.parent[:n])
+    link(forest, b, memory.parent[:n])
 
 
 def remember(forest: Forest, b: int) -> Memory:
@@ -85,7 +85,7 @@ def first(memory: Memory, count: int) -> Memory:
 
 def reaches(memory: Memory, goal: Float32, radius: float) -> bool:
     """Whether any node lies within `radius` of the goal [Z]."""
-    return bool(tree.lengths(memory.latent - goal).min() <= radius)
+    return bool(lengths(memory.latent - goal).min() <= radius)
 
 
 def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
@@ -104,9 +104,9 @@ def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
 def closed(z: Float32, failed: Float32, radius: float) -> Bool:
     """Which places [M,Z] lie within `radius` of a way that failed transitions [P,2,Z] close.
 
-    Execution that stood at z, aimed at z' and did not move has learned that the way to z' is
-    barred. From one radius away from z on, and at least there, it is closed from all sides: what
-    bars it is hardly ever met at one point only.
+    Execution that was at z, aimed at z' and did not move has learned that the way to z' is blocked.
+    From one radius away from z on, and at least there, it is closed from all sides: obstacles
+    rarely block a single point.
     """
     out = np.zeros(len(z), np.bool_)
     for p in range(len(failed)):

@@ -5,17 +5,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elast_cli.planners.grid import NONE
-from elast_cli.planners.tree import forest as tree
-from elast_cli.planners.tree.forest import Forest
+from elast_cli.planners.tree.edges import edges_around, pick
+from elast_cli.planners.tree.forest import Forest, path_to, plant
+from elast_cli.planners.tree.forest import insert as forest_insert
+from elast_cli.planners.tree.forest import rewire as forest_rewire
 from elast_cli.shapes import Int32
+from tests.toys.trees import assert_sound
 
 
 def planted(rows: int = 1, nodes: int = 8, extra: int = 4) -> Forest:
     start = np.zeros((rows, 2), np.float32)
     goal = np.tile(np.array([3, 4], np.float32), (rows, 1))
-    return tree.plant(
-        start, np.ones((rows, 1), np.float32), goal, nodes=nodes, extra=extra, actions=1
-    )
+    return plant(start, np.ones((rows, 1), np.float32), goal, nodes=nodes, extra=extra, actions=1)
 
 
 def insert(
@@ -26,7 +27,7 @@ def insert(
 ) -> Int32:
     """Insert candidates below `parent` [K] into a forest of one tree; returns their indices."""
     k = len(parent)
-    index: Int32 = tree.insert(
+    index: Int32 = forest_insert(
         forest,
         np.zeros(1, np.int64),
         np.array([latent or [[0, 0]] * k], np.float32),
@@ -47,29 +48,8 @@ def edges_of(edges: list[tuple[int, int]]) -> tuple[Int32, Int32, Int32]:
 def rewire(forest: Forest, edges: list[tuple[int, int]]) -> int:
     """Offer edges (from, to) to a forest of one tree; returns how many were taken."""
     action, admissible = np.full((len(edges), 1), 0.5, np.float32), np.ones(len(edges), np.bool_)
-    taken: int = tree.rewire(forest, *edges_of(edges), action, admissible)
+    taken: int = forest_rewire(forest, *edges_of(edges), action, admissible)
     return taken
-
-
-def assert_sound(forest: Forest, b: int) -> None:
-    """Tree b has no cycle, true depths, and child lists that agree with the parents."""
-    size = int(forest.size[b])
-    parent, depth = forest.parent[b], forest.depth[b]
-    assert parent[0] == NONE
-    assert depth[0] == 0
-    assert (parent[1:size] >= 0).all()
-    assert (parent[1:size] < size).all()
-    np.testing.assert_array_equal(depth[1:size], depth[parent[1:size]] + 1)  # hence no cycle
-    for i in range(size):
-        path = tree.path_to(forest, b, i)
-        assert path[0] == 0
-        assert len(path) == depth[i] + 1
-        listed, last, node = [], NONE, int(forest.child[b, i])
-        while node != NONE:
-            assert forest.before[b, node] == last
-            listed.append(node)
-            last, node = node, int(forest.after[b, node])
-        assert sorted(listed) == np.flatnonzero(parent[:size] == i).tolist()
 
 
 def test_a_planted_tree_is_its_root() -> None:
@@ -106,7 +86,7 @@ def test_rewiring_carries_the_new_cost_to_the_whole_subtree() -> None:
     insert(forest, [0])  # 6, beside the chain
     assert rewire(forest, [(6, 3)]) == 1
     assert forest.depth[0, :7].tolist() == [0, 1, 2, 2, 3, 4, 1]
-    assert tree.path_to(forest, 0, 5) == [0, 6, 3, 4, 5]
+    assert path_to(forest, 0, 5) == [0, 6, 3, 4, 5]
     assert forest.action[0, 3, 0] == 0.5
     assert_sound(forest, 0)
 
@@ -153,7 +133,7 @@ def test_the_cheapest_edge_into_each_node_is_picked_then_the_shortest() -> None:
     untried = np.ones(6, np.bool_)
 
     def picked() -> list[tuple[int, int]]:
-        _, source, target = tree.pick(forest, edges, gap, untried)
+        _, source, target = pick(forest, edges, gap, untried)
         return list(zip(source.tolist(), target.tolist(), strict=True))
 
     assert picked() == [(0, 4), (0, 3)]  # the root is the cheapest source, however far
@@ -169,14 +149,14 @@ def test_an_edge_that_failed_a_test_is_not_taken() -> None:
     for parent in (0, 1, 2):
         insert(forest, [parent])
     action = np.full((1, 1), 0.5, np.float32)
-    assert tree.rewire(forest, *edges_of([(0, 3)]), action, np.zeros(1, np.bool_)) == 0
+    assert forest_rewire(forest, *edges_of([(0, 3)]), action, np.zeros(1, np.bool_)) == 0
     assert forest.parent[0, 3] == 2
 
 
 def test_edges_around_new_nodes_lead_in_and_out_again() -> None:
     pairs = np.array([[0, 1, 1], [0, 0, 1], [4, 5, 6]], np.int32)  # row, candidate, node
     index = np.array([[7, NONE], [NONE, 9]], np.int32)
-    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
+    edges, gap = edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
     assert edges.tolist() == [[0, 1, 0, 1], [4, 6, 7, 9], [7, 9, 4, 6]]
     np.testing.assert_allclose(gap, [0.1, 0.3, 0.1, 0.3])
 
@@ -184,6 +164,6 @@ def test_edges_around_new_nodes_lead_in_and_out_again() -> None:
 def test_edges_between_mates_lead_where_both_went() -> None:
     pairs = np.array([[0, 0, 0], [1, 2, 2], [50, 50, 51]], np.int32)  # row, candidate, 50 + mate
     index = np.array([[7, NONE, 8]], np.int32)
-    edges, gap = tree.edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
+    edges, gap = edges_around(pairs, np.array([0.1, 0.2, 0.3], np.float32), index, 50)
     assert edges.tolist() == [[0, 0], [7, 8], [8, 7]]
     np.testing.assert_allclose(gap, [0.2, 0.2])

@@ -10,16 +10,15 @@ from hypothesis import strategies as st
 
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.grid import NONE
-from elast_cli.planners.tree import forest as tree
 from elast_cli.planners.tree import reuse
+from elast_cli.planners.tree.forest import plant
 from elast_cli.planners.tree.reuse import Memory
-from elast_cli.planners.tree.search import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Bool, Float32, Int64
-from tests.planners.tree.test_forest import assert_sound
-from tests.planners.tree.test_search import LIMITS, RADII, grown, worlds
 from tests.toys.box import Box, only, problems
+from tests.toys.trees import LIMITS, RADII, assert_sound, grown, tree_config, worlds
 
-BUDGET: dict[str, Any] = {"expansions": 400, "replan_expansions": 100}
+BUDGET: dict[str, Any] = {"expansions": 400, "reuse__expansions": 100}
 FAILING = replace(RADII, failure=0.1)
 NO_FAILURE = np.zeros((0, 2, 2), np.float32)
 
@@ -144,9 +143,7 @@ def test_a_restored_tree_is_the_remembered_one_as_far_as_there_is_room() -> None
     memory = hung(tree_of([NONE, 0, 1, 1, 3]), np.array([0]))
     for nodes in (9, 6, 3):
         goal = np.array([[9, 0]], np.float32)
-        forest = tree.plant(
-            memory.latent[:1], memory.feature[:1], goal, nodes=nodes, extra=1, actions=1
-        )
+        forest = plant(memory.latent[:1], memory.feature[:1], goal, nodes=nodes, extra=1, actions=1)
         reuse.restore(forest, 0, memory)
         size = min(nodes, 6)
         assert_sound(forest, 0)
@@ -299,7 +296,9 @@ def test_a_row_of_a_replanned_batch_equals_its_solo_run(
         for name in ("latent", "feature", "action", "parent", "depth", "crowding"):
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
         plan, length = alone.best_plan(), plans.length[b]
-        for name in ("length", "reached", "transitions", "density_calls", "policy_calls"):
+        for name, calls in vars(plan.cost).items():
+            assert getattr(plans.cost, name)[b] == calls[0], name
+        for name in ("length", "reached"):
             assert getattr(plans, name)[b] == getattr(plan, name)[0], name
         np.testing.assert_array_equal(plans.states[b, :length], plan.states[0])
         np.testing.assert_array_equal(plans.actions[b, : length - 1], plan.actions[0])
@@ -307,14 +306,14 @@ def test_a_row_of_a_replanned_batch_equals_its_solo_run(
 
 def spent(search: Search) -> Int64:
     """Expansions of each row [B]: every other prediction comes with a call of π."""
-    return search.tally.transitions - search.tally.policy
+    return search.cost.transitions - search.cost.policy_calls
 
 
 def test_a_replanned_search_spends_little_where_the_old_tree_reaches_the_goal() -> None:
     query = problems(4)
     plan = grown(query, expansions=3000).best_plan()
     assert plan.reached.all()
-    budget: dict[str, Any] = {"expansions": 1500, "replan_expansions": 130}
+    budget: dict[str, Any] = {"expansions": 1500, "reuse__expansions": 130}
     query = replace(later(query, plan), memory=[plan.memory[0], None, *plan.memory[2:]])
     away = replace(query, goal=query.goal.copy())
     away.goal[2] = 9  # nowhere near any node
@@ -329,19 +328,20 @@ def test_a_replanned_search_spends_little_where_the_old_tree_reaches_the_goal() 
 def test_replanning_never_spends_more_than_planning(replan: int) -> None:
     query = problems(2)
     plan = grown(query, expansions=3000).best_plan()
-    search = grown(later(query, plan), expansions=100, replan_expansions=replan, max_nodes=5000)
+    search = grown(later(query, plan), expansions=100, reuse__expansions=replan, max_nodes=5000)
     assert spent(search).tolist() == [min(100, replan)] * 2
 
 
 def test_crowded_nodes_of_the_old_tree_are_seldom_drawn() -> None:
     query = problems(2)
     query = later(query, grown(query, **BUDGET).best_plan())
-    config = TreeConfig(**BUDGET, sparse_exponent=2.0)
+    config = tree_config(**BUDGET, sampling__sparse_exponent=2.0)
     search = Search(ElastPlanner(Box().at, config, LIMITS, RADII), query)
     for b in range(2):
         crowding = search.forest.crowding[b, : search.forest.size[b]]
         assert crowding.max() > 5
-        leaves = search.sparsity.sums[b, search.sparsity.sums.shape[1] // 2 :][: len(crowding)]
+        sums = search.growth.sparsity.sums[b]
+        leaves = sums[len(sums) // 2 :][: len(crowding)]
         np.testing.assert_allclose(leaves, (1.0 + crowding) ** -2)
 
 
@@ -349,7 +349,7 @@ def test_without_reuse_memory_is_neither_kept_nor_used() -> None:
     query = problems(2)
     plan = grown(query, **BUDGET).best_plan()
     told, plain = later(query, plan), replace(later(query, plan), memory=())
-    ours, theirs = (grown(q, reuse=False, **BUDGET) for q in (told, plain))
+    ours, theirs = (grown(q, reuse__enabled=False, **BUDGET) for q in (told, plain))
     np.testing.assert_array_equal(ours.forest.latent, theirs.forest.latent)
     assert ours.best_plan().memory == ()
 
@@ -378,7 +378,7 @@ def test_a_nearly_full_tree_that_does_not_reach_the_goal_gives_way_as_the_start_
 
 def test_an_episodes_memory_is_bounded() -> None:
     query = problems(2)
-    config: dict[str, Any] = {"expansions": 1500, "replan_expansions": 600, "prune": False}
+    config: dict[str, Any] = {"expansions": 1500, "reuse__expansions": 600, "prune": False}
     plan = grown(query, **config).best_plan()
     sizes = []
     for _ in range(8):

@@ -6,79 +6,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.tree import forest as tree
-from elast_cli.planners.tree.search import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.base import Radii
+from elast_cli.planners.tree import expansion
+from elast_cli.planners.tree.forest import path_to
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Float32, Int64
-from tests.planners.tree.test_forest import assert_sound
 from tests.toys.box import REACH, Box, only, problems
-
-LIMITS = Limits(
-    min_log_density=-1.0, max_variance=1e-3, max_support_distance=1e-3, max_round_trip=1e-3
+from tests.toys.trees import (
+    LIMITS,
+    RADII,
+    assert_sound,
+    configs,
+    edges,
+    grown,
+    law,
+    radii,
+    seeds,
+    tree_config,
+    worlds,
 )
-RADII = Radii(neighbor=0.2, goal=0.1, crowding=0.1, duplicate=0.0)
-
-
-def _shares_fit(config: dict[str, Any]) -> bool:
-    return bool(config["p_uniform"] + config["p_sparse"] <= 1)
-
-
-seeds = st.integers(0, 2**31)
-configs: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
-    {
-        "expansions": st.integers(1, 500),
-        "batch_min": st.integers(1, 9),
-        "batch_max": st.integers(9, 40),
-        "batch_share": st.sampled_from([0.0, 1 / 32, 0.5]),
-        "p_uniform": st.sampled_from([0.0, 0.2, 1.0]),
-        "p_sparse": st.just(0.0) | st.floats(0, 0.8),
-        "sparse_exponent": st.floats(0, 4),
-        "crowding": st.sampled_from(["near", "reachable"]),
-        "count_rejections": st.booleans(),
-        "edge_actions": st.floats(0, 1),
-        "momentum": st.floats(0, 1),
-        "steer_goal": st.sampled_from([0.0, 0.3]),
-        "steer_sparse": st.sampled_from([0.0, 0.3]),
-        "prune": st.booleans(),
-        "rewire": st.booleans(),
-        "connect_candidates": st.integers(1, 5),
-    }
-).filter(_shares_fit)
-worlds = st.builds(Box, stream=st.sampled_from([0.0, 0.05, 0.2]), wall=st.booleans())
-radii = st.builds(
-    replace,
-    st.just(RADII),
-    duplicate=st.sampled_from([0.0, 0.03]),
-    crowding=st.floats(0.02, 0.2),
-    longest=st.sampled_from([REACH, np.inf]),
-)
-law = settings(deadline=None, max_examples=25)
-
-
-def grown(
-    query: Query,
-    world: Box | None = None,
-    *,
-    limits: Limits = LIMITS,
-    radii: Radii = RADII,
-    **config: Any,
-) -> Search:
-    """The search after its whole budget."""
-    planner = ElastPlanner((world or Box()).at, TreeConfig(**config), limits, radii)
-    search = Search(planner, query)
-    search.run()
-    return search
-
-
-def edges(search: Search, b: int) -> tuple[Int64, Int64]:
-    """Parents and children [E] of tree b's edges."""
-    child = np.arange(1, search.forest.size[b])
-    return search.forest.parent[b, child].astype(np.int64), child
-
 
 # ---- laws of the tree ---------------------------------------------------------------------------
 
@@ -139,7 +89,9 @@ def test_a_row_of_a_batch_equals_its_solo_run(
             ours, theirs = getattr(together.forest, name), getattr(alone.forest, name)
             np.testing.assert_array_equal(ours[b, :size], theirs[0, :size], err_msg=name)
         plan, length = alone.best_plan(), plans.length[b]
-        for name in ("length", "reached", "transitions", "density_calls", "policy_calls"):
+        for name, calls in vars(plan.cost).items():
+            assert getattr(plans.cost, name)[b] == calls[0]
+        for name in ("length", "reached"):
             assert getattr(plans, name)[b] == getattr(plan, name)[0], name
         np.testing.assert_array_equal(plans.states[b, :length], plan.states[0])
         np.testing.assert_array_equal(plans.actions[b, : length - 1], plan.actions[0])
@@ -149,7 +101,7 @@ def test_a_row_of_a_batch_equals_its_solo_run(
 @given(seeds, st.integers(1, 40), st.integers(1, 40), worlds)
 def test_more_budget_never_deepens_a_node(seed: int, less: int, more: int, world: Box) -> None:
     query = problems(2, seed)
-    batch: dict[str, Any] = {"batch_min": 12, "batch_max": 12, "connect_candidates": 3}
+    batch: dict[str, Any] = {"batch__min": 12, "batch__max": 12, "rewire__candidates": 3}
     short = grown(query, world, **batch, expansions=12 * less)
     long = grown(query, world, **batch, expansions=12 * (less + more))
     for b in range(2):
@@ -163,9 +115,9 @@ def test_more_budget_never_deepens_a_node(seed: int, less: int, more: int, world
 def test_rewiring_never_deepens_a_node(seed: int, world: Box, crowding: str) -> None:
     query = problems(2, seed)
     # momentum and pruning would follow the tree
-    same: dict[str, Any] = {"expansions": 500, "momentum": 0.0, "prune": False}
-    same["crowding"] = crowding
-    plain = grown(query, world, rewire=False, **same)
+    same: dict[str, Any] = {"expansions": 500, "actions__momentum": 0.0, "prune": False}
+    same["sampling__crowding"] = crowding
+    plain = grown(query, world, rewire__enabled=False, **same)
     rewired = grown(query, world, **same)
     np.testing.assert_array_equal(plain.forest.size, rewired.forest.size)
     for b in range(2):
@@ -178,8 +130,8 @@ def test_rewiring_never_deepens_a_node(seed: int, world: Box, crowding: str) -> 
 
 def test_rewiring_shortens_paths() -> None:
     query = problems(4)
-    same: dict[str, Any] = {"expansions": 1500, "momentum": 0.0}
-    plain, rewired = grown(query, rewire=False, **same), grown(query, **same)
+    same: dict[str, Any] = {"expansions": 1500, "actions__momentum": 0.0}
+    plain, rewired = grown(query, rewire__enabled=False, **same), grown(query, **same)
     mean = [
         np.mean([s.forest.depth[b, : s.forest.size[b]].mean() for b in range(4)])
         for s in (rewired, plain)
@@ -193,25 +145,29 @@ def test_rewiring_shortens_paths() -> None:
 @law
 @given(seeds, configs)
 def test_the_budget_bounds_the_tree_and_the_calls(seed: int, config: dict[str, Any]) -> None:
-    unsteered: dict[str, Any] = {"steer_goal": 0.0, "steer_sparse": 0.0, "prune": False}
+    unsteered: dict[str, Any] = {
+        "actions__steer_goal": 0.0,
+        "actions__steer_sparse": 0.0,
+        "prune": False,
+    }
     search = grown(problems(2, seed), **config | unsteered)
     plan, budget = search.best_plan(), config["expansions"]
     assert search.done == budget
     assert (search.forest.size <= budget + 1).all()
-    np.testing.assert_array_equal(plan.transitions, budget + plan.policy_calls)
-    assert config["rewire"] or not plan.policy_calls.any()
+    np.testing.assert_array_equal(plan.cost.transitions, budget + plan.cost.policy_calls)
+    assert config["rewire__enabled"] or not plan.cost.policy_calls.any()
 
 
 def test_the_calls_of_an_ensemble_count_for_each_member() -> None:
     world = Box(members=5)
-    plan = grown(problems(2), world, expansions=100, rewire=False).best_plan()
-    assert plan.transitions.tolist() == [500, 500]
+    plan = grown(problems(2), world, expansions=100, rewire__enabled=False).best_plan()
+    assert plan.cost.transitions.tolist() == [500, 500]
 
 
 def test_batches_grow_with_the_tree_between_their_bounds() -> None:
     planner = ElastPlanner(
         Box().at,
-        TreeConfig(expansions=400, batch_min=4, batch_max=20, batch_share=0.1),
+        tree_config(expansions=400, batch__min=4, batch__max=20, batch__share=0.1),
         LIMITS,
         RADII,
     )
@@ -240,14 +196,12 @@ def test_a_full_tree_stops_and_is_that_of_a_solo_run(seed: int, nodes: int, worl
         for name in ("latent", "parent", "crowding"):
             ours, theirs = getattr(together.forest, name), getattr(alone.forest, name)
             np.testing.assert_array_equal(ours[b, :size], theirs[0, :size], err_msg=name)
-        assert together.tally.transitions[b] == alone.tally.transitions[0]
+        assert together.cost.transitions[b] == alone.cost.transitions[0]
 
 
-def test_a_plan_under_a_time_budget_is_not_repeatable() -> None:
-    assert grown(problems(2), expansions=50).best_plan().repeatable
+def test_a_time_budget_stops_a_search() -> None:
     search = grown(problems(2), expansions=10**6, time_budget=0.05)
     assert search.done < 10**6
-    assert not search.best_plan().repeatable
 
 
 def test_a_time_budget_bounds_a_plan_whatever_its_expansions() -> None:
@@ -263,14 +217,14 @@ def test_a_rejected_expansion_crowds_its_node() -> None:
     walled = replace(LIMITS, max_variance=-1.0)  # nothing passes
     counted = grown(problems(2), limits=walled, expansions=50)
     assert counted.forest.crowding[:, 0].tolist() == [50, 50]
-    plain = grown(problems(2), limits=walled, expansions=50, count_rejections=False)
+    plain = grown(problems(2), limits=walled, expansions=50, sampling__count_rejections=False)
     assert plain.forest.crowding[:, 0].tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("batch", [1, 64])
 def test_crowding_counts_the_nodes_within_its_radius(batch: int) -> None:
-    sizes: dict[str, Any] = {"batch_min": batch, "batch_max": batch}
-    search = grown(problems(2), expansions=320, **sizes, count_rejections=False)
+    sizes: dict[str, Any] = {"batch__min": batch, "batch__max": batch}
+    search = grown(problems(2), expansions=320, **sizes, sampling__count_rejections=False)
     for b in range(2):
         latent = search.forest.latent[b, : search.forest.size[b]].astype(np.float64)
         gap = np.linalg.norm(latent[:, None] - latent, axis=2)
@@ -281,8 +235,8 @@ def test_crowding_counts_the_nodes_within_its_radius(batch: int) -> None:
 @pytest.mark.parametrize("batch", [1, 128])
 def test_no_node_is_a_copy_of_one_that_is_no_costlier(batch: int) -> None:
     radii = replace(RADII, duplicate=0.05)
-    sizes: dict[str, Any] = {"batch_min": batch, "batch_max": batch}
-    search = grown(problems(2), expansions=1024, **sizes, rewire=False, radii=radii)
+    sizes: dict[str, Any] = {"batch__min": batch, "batch__max": batch}
+    search = grown(problems(2), expansions=1024, **sizes, rewire__enabled=False, radii=radii)
     for b in range(2):
         size = search.forest.size[b]
         latent, depth = search.forest.latent[b, :size], search.forest.depth[b, :size]
@@ -297,10 +251,10 @@ def test_reachable_crowding_counts_who_can_come_in() -> None:
         query,
         world,
         expansions=200,
-        batch_min=1,
-        batch_max=1,
-        count_rejections=False,
-        crowding="reachable",
+        batch__min=1,
+        batch__max=1,
+        sampling__count_rejections=False,
+        sampling__crowding="reachable",
         radii=replace(RADII, crowding=np.inf, neighbor=0.3),
     )
     size = search.forest.size[0]
@@ -387,7 +341,12 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another() -> None:
 
 def test_edge_actions_lie_on_the_edge_of_the_box() -> None:
     search = grown(
-        problems(1), Box(wall=False), expansions=300, edge_actions=1.0, momentum=0.0, rewire=False
+        problems(1),
+        Box(wall=False),
+        expansions=300,
+        actions__edge=1.0,
+        actions__momentum=0.0,
+        rewire__enabled=False,
     )
     action = search.forest.action[0, 1 : search.forest.size[0]]
     np.testing.assert_allclose(np.abs(action).max(1), 1, atol=1e-6)
@@ -396,7 +355,11 @@ def test_edge_actions_lie_on_the_edge_of_the_box() -> None:
 def test_momentum_keeps_the_direction_of_the_edge_before() -> None:
     def turn(momentum: float) -> float:
         search = grown(
-            problems(1), Box(wall=False), expansions=800, momentum=momentum, rewire=False
+            problems(1),
+            Box(wall=False),
+            expansions=800,
+            actions__momentum=momentum,
+            rewire__enabled=False,
         )
         forest = search.forest
         child = np.arange(1, forest.size[0])
@@ -410,20 +373,20 @@ def test_momentum_keeps_the_direction_of_the_edge_before() -> None:
 @pytest.mark.parametrize(
     ("bad", "why"),
     [
-        ({"p_uniform": 0.5, "p_sparse": 0.6}, "p_goal"),
-        ({"batch_min": 9, "batch_max": 8}, "batch_max"),
+        ({"sampling__p_uniform": 0.5, "sampling__p_sparse": 0.6}, "p_goal"),
+        ({"batch__min": 9, "batch__max": 8}, "min must not exceed max"),
         ({"expansions": 0}, "greater than or equal to 1"),
     ],
 )
 def test_a_config_that_makes_no_sense_is_refused(bad: dict[str, Any], why: str) -> None:
     with pytest.raises(ValidationError, match=why):
-        TreeConfig(**bad)
+        tree_config(**bad)
 
 
 def test_paths_end_where_they_should() -> None:
     search = grown(problems(1), expansions=200)
     deepest = int(search.forest.depth[0].argmax())
-    path = tree.path_to(search.forest, 0, deepest)
+    path = path_to(search.forest, 0, deepest)
     assert (path[0], path[-1]) == (0, deepest)
     assert search.forest.parent[0, path[1:]].tolist() == path[:-1]
 
@@ -437,12 +400,12 @@ def test_only_what_cannot_shorten_the_path_is_pruned(
     seed: int, config: dict[str, Any], world: Box, radii: Radii
 ) -> None:
     search = grown(problems(2, seed), world, radii=radii, **config | {"prune": True})
-    forest, leaves = search.forest, search.sparsity.sums.shape[1] // 2
+    forest, leaves = search.forest, search.growth.sparsity.sums.shape[1] // 2
     for b in range(2):
         size = forest.size[b]
         far = np.linalg.norm(forest.latent[b, :size] - forest.goal[b], axis=1)
         np.testing.assert_allclose(forest.to_goal[b, :size], far, rtol=1e-5)
-        weighted = search.sparsity.sums[b, leaves : leaves + size] > 0
+        weighted = search.growth.sparsity.sums[b, leaves : leaves + size] > 0
         inside = forest.to_goal[b, :size] <= radii.goal
         if not inside.any():
             assert weighted.all()
@@ -467,20 +430,20 @@ def test_no_pruned_node_could_have_shortened_the_path(
     query = replace(query, context=np.zeros_like(query.context))  # no wind
     radii = replace(RADII, goal=goal, longest=np.sqrt(2) * REACH)
     search = grown(query, Box(wall=False), radii=radii, **config | {"prune": True})
-    forest, leaves = search.forest, search.sparsity.sums.shape[1] // 2
+    forest, leaves = search.forest, search.growth.sparsity.sums.shape[1] // 2
     for b in range(2):
         latent, depth = (x[b, : forest.size[b]] for x in (forest.latent, forest.depth))
         cost = depth[np.linalg.norm(latent - query.goal[b], axis=1) <= goal].min(initial=999)
-        for i in np.flatnonzero(search.sparsity.sums[b, leaves : leaves + len(depth)] == 0):
+        for i in np.flatnonzero(search.growth.sparsity.sums[b, leaves : leaves + len(depth)] == 0):
             expanded = max(1, steps_to(query.goal[b], latent[i], goal - 1e-4))
             assert depth[i] + expanded >= cost
 
 
 def test_crowded_nodes_are_not_taken_for_pruned_ones() -> None:
-    search = grown(problems(2), expansions=400, sparse_exponent=400.0, prune=False)
-    leaves = search.sparsity.sums.shape[1] // 2
+    search = grown(problems(2), expansions=400, sampling__sparse_exponent=400.0, prune=False)
+    leaves = search.growth.sparsity.sums.shape[1] // 2
     for b in range(2):
-        assert (search.sparsity.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
+        assert (search.growth.sparsity.sums[b, leaves : leaves + search.forest.size[b]] > 0).all()
 
 
 def test_a_tree_that_cannot_do_better_stops() -> None:
@@ -494,10 +457,10 @@ def test_a_tree_that_cannot_do_better_stops() -> None:
 
 def test_the_policy_steers_towards_the_goal() -> None:
     query = problems(3, seed=4)
-    search = grown(query, expansions=1, batch_min=1, steer_goal=1.0)
-    assert (search.tally.policy >= 1).all()
+    search = grown(query, expansions=1, batch__min=1, actions__steer_goal=1.0)
+    assert (search.cost.policy_calls >= 1).all()
     action = np.zeros((3, 2), np.float32)
-    search._steer(query.start, action, np.arange(3), np.zeros((3, 8)))
+    expansion._steer(search.growth, query.start, action, np.arange(3), np.zeros((3, 8)))
     step = query.goal - query.start
     step *= RADII.neighbor / np.linalg.norm(step, axis=1, keepdims=True)
     expected = Box().at(query.context).act(query.start, query.start + step, np.arange(3))
@@ -506,10 +469,10 @@ def test_the_policy_steers_towards_the_goal() -> None:
 
 def test_the_policy_steers_towards_sparse_nodes() -> None:
     query = problems(1, seed=4)
-    search = grown(query, expansions=200, batch_min=8, batch_max=8, steer_sparse=0.9)
+    search = grown(query, expansions=200, batch__min=8, batch__max=8, actions__steer_sparse=0.9)
     root = np.repeat(query.start, 50, 0)
     action, draws = np.zeros((50, 2), np.float32), np.random.default_rng(0).random((50, 8))
-    search._steer(root, action, np.zeros(50, int), draws)
+    expansion._steer(search.growth, root, action, np.zeros(50, int), draws)
     assert len(np.unique(action, axis=0)) > 10  # to many nodes, each within one step's reach
     assert (np.abs(action) <= 1).all()
 
@@ -517,9 +480,9 @@ def test_the_policy_steers_towards_sparse_nodes() -> None:
 def test_a_later_plan_stops_soon_after_it_has_reached_the_goal_and_a_first_one_does_not() -> None:
     query = problems(1, seed=3)
     config: dict[str, Any] = {
-        "replan_expansions": 50,
-        "batch_min": 8,
-        "batch_max": 8,
+        "reuse__expansions": 50,
+        "batch__min": 8,
+        "batch__max": 8,
         "prune": False,
     }
     stunted = grown(query, expansions=8, **config).best_plan()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.planners.tree import selection as sampling
+from elast_cli.planners.tree import selection
 from elast_cli.planners.tree.selection import Sparsity
 from elast_cli.seeding import generator
 from elast_cli.shapes import Float64, Int32
@@ -16,11 +16,11 @@ ROWS = np.zeros(1, np.int64)
 def sparsity_of(rows: int, nodes: int, exponent: float) -> Sparsity:
     """Of `nodes` that nothing crowds."""
     found = Sparsity(
-        sampling.no_weights(rows, nodes),
+        selection.no_weights(rows, nodes),
         np.zeros((rows, nodes), np.int32),
-        sampling.weight_table(exponent),
+        selection.weight_table(exponent),
     )
-    sampling.admit(found, np.zeros(rows, np.int64), np.full(rows, nodes))
+    selection.admit(found, np.zeros(rows, np.int64), np.full(rows, nodes))
     return found
 
 
@@ -35,12 +35,12 @@ def sums_of(crowding: list[int], exponent: float) -> Float64:
 def crowd(sparsity: Sparsity, node: Int32) -> None:
     """Count one more at each node [M] of one row."""
     edges = np.stack([np.zeros_like(node), node, node])
-    sampling.crowd_along(sparsity, edges, np.zeros(len(node), np.float32), 0.0)
+    selection.crowd_along(sparsity, edges, np.zeros(len(node), np.float32), 0.0)
 
 
 def choose(sums: Float64, size: int, draws: Float64, shares: tuple[float, float]) -> Int32:
     """Nodes of one row [K]; the node nearest to the goal is node 2."""
-    chosen: Int32 = sampling.choose(sums, ROWS, np.array([size]), np.array([2]), draws, shares)[0]
+    chosen: Int32 = selection.choose(sums, ROWS, np.array([size]), np.array([2]), draws, shares)[0]
     return chosen
 
 
@@ -90,32 +90,32 @@ def test_sums_depend_on_the_weights_and_not_on_their_history(seed: int) -> None:
 def test_only_short_edges_and_rejections_crowd() -> None:
     sparsity = sparsity_of(2, 3, 1.0)
     edges = np.array([[0, 0, 1], [1, 2, 0], [0, 0, 2]], np.int32)
-    sampling.crowd_along(sparsity, edges, np.array([4, 5, 4], np.float32), 4.0)
+    selection.crowd_along(sparsity, edges, np.array([4, 5, 4], np.float32), 4.0)
     assert sparsity.crowding.tolist() == [[0, 1, 0], [1, 0, 0]]
     alive, parent = np.array([[True, False]]), np.array([[0, 2]], np.int32)
-    sampling.crowd_rejected(sparsity, np.array([1]), alive, parent)
+    selection.crowd_rejected(sparsity, np.array([1]), alive, parent)
     assert sparsity.crowding.tolist() == [[0, 1, 0], [1, 0, 1]]
     assert sparsity.sums[:, 1].tolist() == [2.5, 2.0]
 
 
 def test_a_node_without_weight_stays_so_however_crowded() -> None:
     sparsity = sparsity_of(1, 2, 1.0)
-    sampling.set_weight(sparsity.sums[0], 1, 0.0)
+    selection.set_weight(sparsity.sums[0], 1, 0.0)
     crowd(sparsity, np.array([0, 1], np.int32))
     assert (sparsity.crowding.tolist(), sparsity.sums[0, 1]) == ([[1, 1]], 0.5)
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.lists(st.integers(1, 3 * sampling.BLOCK // 2), min_size=1, max_size=6))
+@given(st.lists(st.integers(1, 3 * selection.BLOCK // 2), min_size=1, max_size=6))
 def test_random_numbers_do_not_depend_on_how_they_are_taken(counts: list[int]) -> None:
-    draws = sampling.Draws(np.array([5, 6]), 3)
+    draws = selection.Draws(np.array([5, 6]), 3)
     found = np.concatenate([draws.take(count) for count in counts], axis=1)
     for b, seed in enumerate((5, 6)):
         np.testing.assert_array_equal(found[b], generator("plan", seed).random((found.shape[1], 3)))
 
 
 def test_no_crowding_takes_the_whole_weight_of_a_node() -> None:
-    weights = sampling.weight_table(400.0)
+    weights = selection.weight_table(400.0)
     assert (weights > 0).all()
     assert (np.diff(weights) <= 0).all()
     sums = sums_of([9, 50], 400.0)

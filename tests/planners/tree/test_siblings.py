@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.planners.tree import siblings as mates
+from elast_cli.planners.tree import siblings
 from elast_cli.shapes import Bool, Float32
 
 CAPACITY = 100
@@ -39,7 +39,7 @@ def test_of_copies_that_are_no_cheaper_the_first_wins(seed: int, size: int, radi
         for k in range(20):
             before = expected[r, :k] & (cost[r, :k] <= cost[r, k])
             expected[r, k] &= not (before & (gap[k, :k] < radius)).any()
-    mates.drop_copies(latent, alive, cost, radius)
+    siblings.drop_copies(latent, alive, cost, radius)
     np.testing.assert_array_equal(alive, expected)
 
 
@@ -56,7 +56,7 @@ def test_every_two_mates_within_the_radius_are_written_once(
         expected += [(rows[r], k, CAPACITY + j) for k, j in zip(*np.nonzero(near), strict=True)]
     while True:
         pairs, gaps = np.full((3, room), 7, np.int32), np.zeros(room, np.float32)
-        found = mates.add_pairs(rows, latent, alive, radius, CAPACITY, pairs, gaps, 1)
+        found = siblings.add_pairs(rows, latent, alive, radius, CAPACITY, pairs, gaps, 1)
         if found <= room:
             break
         room = found
@@ -70,5 +70,5 @@ def test_every_two_mates_within_the_radius_are_written_once(
 
 def test_no_radius_means_that_no_mate_is_dropped() -> None:
     alive = np.ones((1, 3), np.bool_)
-    mates.drop_copies(np.zeros((1, 3, 2), np.float32), alive, np.zeros((1, 3), np.int32), 0.0)
+    siblings.drop_copies(np.zeros((1, 3, 2), np.float32), alive, np.zeros((1, 3), np.int32), 0.0)
     assert alive.all()
