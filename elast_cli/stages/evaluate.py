@@ -14,12 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
-<<<<<<< HEAD
-from elast_cli.engine.local import each
 from elast_cli.envs.registry import make, scenarios
-=======
-from elast_cli.envs.registry import make, scenarios, spec
->>>>>>> restructure
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.files import whole_file
@@ -119,7 +114,7 @@ def _run_missing(
 
 def _budget(job: Job, scenario: Scenario) -> int:
     """Most steps of an episode."""
-    return spec(job.env).env_class.level(scenario.level).max_steps
+    return job.task_info.level(scenario.level).max_steps
 
 
 def _scenarios(job: Job, level: str) -> list[Scenario]:
@@ -158,11 +153,7 @@ def _run_chunk(chunk: _Chunk) -> None:
 
     job = chunk.job
     limit_threads(job.threads)
-<<<<<<< HEAD
-    level = job.task_info.level(chunk.scenarios[0].level)
-=======
     max_steps = _budget(job, chunk.scenarios[0])
->>>>>>> restructure
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
     rows = len(envs)

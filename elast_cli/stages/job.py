@@ -9,15 +9,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
-<<<<<<< HEAD
-from elast_cli.envs.base import TaskInfo
-from elast_cli.envs.registry import task_info
-=======
 from elast_cli.engine.base import Engine
 from elast_cli.engine.local import LocalEngine
-from elast_cli.envs.base import ElastEnv
-from elast_cli.envs.registry import spec
->>>>>>> restructure
+from elast_cli.envs.base import TaskInfo
+from elast_cli.envs.registry import task_info
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.models.parts import PARTS, closure
 from elast_cli.preset import DEFAULT, Preset
@@ -72,15 +67,14 @@ class Job:
     fresh: bool = False
 
     @property
-<<<<<<< HEAD
     def task_info(self) -> TaskInfo:
         """Sizes, levels and success of the task."""
         return task_info(self.env, self.config.env)
-=======
+
+    @property
     def engine(self) -> Engine:
         """Where the tasks of this job run."""
         return LocalEngine(self.workers)
->>>>>>> restructure
 
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""

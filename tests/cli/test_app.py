@@ -324,7 +324,9 @@ def test_eval_takes_the_environments_that_have_the_level(
     assert 0 < len(envs) < len(ENVS)
     fails(capsys, 2, [*words, "--level", "hard,hrad"], "'hrad'", "did you mean 'hard'", "medium")
     other = next(name for name in ENVS if name not in envs)
-    fails(capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *task_info(other).levels)
+    fails(
+        capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *task_info(other).levels
+    )
 
 
 @pytest.mark.usefixtures("home")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import gymnasium
@@ -16,7 +15,7 @@ from elast_cli.envs.registry import ENVS, EnvSpec, make_simulated, scenarios, ta
 from elast_cli.errors import ConfigError, UsageError
 
 ROOT = Path(__file__).parents[2]
-PAGE = "docs/environments.md"  # of an environment; may hold "{name}"
+PAGE = "docs/reference/environments/{name}.md"
 each_env = pytest.mark.parametrize("entry", ENVS.values(), ids=list(ENVS))
 
 
@@ -109,12 +108,10 @@ def test_reset_starts_where_it_is_told(entry: EnvSpec) -> None:
 
 @each_env
 def test_the_documentation_states_budgets_and_radius(entry: EnvSpec) -> None:
-    task, text = task_info(entry.name), (ROOT / PAGE.format(name=entry.name)).read_text("utf-8")
-    _, section = re.split(rf"^#+ `{entry.name}`$", text, flags=re.MULTILINE)
-    section = re.split(r"^#+ `", section, flags=re.MULTILINE)[0]
-    assert f"{task.success_radius:g} {task.unit}" in section
+    task, page = task_info(entry.name), (ROOT / PAGE.format(name=entry.name)).read_text("utf-8")
+    assert f"{task.success_radius:g} {task.unit}" in page
     for level in task.levels.values():
-        line = next(row for row in section.splitlines() if row.startswith(f"| `{level.name}` |"))
+        line = next(row for row in page.splitlines() if row.startswith(f"| `{level.name}` |"))
         assert f"| {level.max_steps} |" in line
         if level.min_shortest is not None:
             assert f"{level.min_shortest} to {level.max_shortest}" in line
