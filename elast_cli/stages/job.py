@@ -67,14 +67,14 @@ class Job:
     fresh: bool = False
 
     @property
-    def task_info(self) -> TaskInfo:
-        """Sizes, levels and success of the task."""
-        return task_info(self.env, self.config.env)
-
-    @property
     def engine(self) -> Engine:
         """Where the tasks of this job run."""
         return LocalEngine(self.workers)
+
+    @property
+    def task_info(self) -> TaskInfo:
+        """Sizes, levels and success of the task."""
+        return task_info(self.env, self.config.env)
 
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
