@@ -22,7 +22,7 @@ from benchmarks.document import Figure
 from benchmarks.trained import Bench
 from elast_cli.control.collection import CollectConfig
 from elast_cli.envs.random_policy import RandomPolicy
-from elast_cli.envs.registry import make
+from elast_cli.envs.registry import make_simulated
 from elast_cli.stages.presets import load
 
 PRESET = "standard"
@@ -91,7 +91,7 @@ class Spent(NamedTuple):
 def bare_loop(name: str, seconds: float = BARE_SECONDS) -> Spent:
     """Seconds a frame of `set_state`, `advance` and `frame` alone, in this process."""
     config = load(PRESET, name)
-    env, rng = make(name, config.env), np.random.default_rng(0)
+    env, rng = make_simulated(name, config.env), np.random.default_rng(0)
     collect = config.section("collect", CollectConfig)
     policy = RandomPolicy(env.action_size, collect.policy)
     length, frames = collect.episode_steps, 0

@@ -11,7 +11,7 @@ from benchmarks.document import Figure
 from benchmarks.trained import ENV, LEVEL, Bench, row
 from elast_cli.control.episodes import run_episodes
 from elast_cli.control.replan import Replan
-from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.registry import make, scenarios, task_info
 from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.table import METHODS
 from elast_cli.planners.base import Plan, Planner, Query
@@ -57,7 +57,7 @@ def figures(bench: Bench) -> list[Figure]:
             controller,
             [make(ENV, config.env)],
             [scenario],
-            max_steps=spec(ENV).env_class.level(LEVEL).max_steps,
+            max_steps=task_info(ENV).level(LEVEL).max_steps,
             seeds=np.array([scenario.index]),
         )
         reached += trace.steps is not None

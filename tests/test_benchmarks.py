@@ -14,7 +14,7 @@ from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
-from elast_cli.envs.registry import spec
+from elast_cli.envs.registry import task_info
 from elast_cli.planners.base import Limits, Plan, Query, Radii
 from elast_cli.planners.tree.config import (
     ActionsConfig,
@@ -151,7 +151,7 @@ def test_budgets_are_about_what_plans_cost() -> None:
     assert budgets.settings("cpc-cem", 20_000) == ["cem.num_samples=66", "cem.topk=6"]
     row = {"env": "block-s", "level": "hard", "steps": 7, "network_calls_per_step": 3.0}
     assert budgets.transitions(row) == 21
-    most = spec("block-s").env_class.level("hard").max_steps
+    most = task_info("block-s").level("hard").max_steps
     assert budgets.transitions(row | {"steps": None}) == 3 * most
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elast_cli.envs.registry import make, scenarios
+from elast_cli.envs.registry import make_simulated, scenarios
 from elast_cli.inference.frames import FrameEncoder
 from elast_cli.methods.loading import load_models
 from elast_cli.models.encoder.cpc import Representation
@@ -35,7 +35,7 @@ def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task:
     for folder in folders.values():
         assert all(file.stat().st_size < MOST for file in folder.iterdir())
     models = load_models(folders, "cpu")
-    env = make(task, {})
+    env = make_simulated(task, {})
     level = next(iter(env.levels))
     frames, images = [], []
     for scenario in scenarios(task, level, seed=0, count=2, domain="scenario-test"):

@@ -12,7 +12,7 @@ from elast_cli.control.base import ControlConfig, Task
 from elast_cli.control.followers import PlayActions, TrackStates
 from elast_cli.control.random_actions import Random
 from elast_cli.control.replan import Replan
-from elast_cli.envs.registry import spec
+from elast_cli.envs.registry import task_info
 from elast_cli.inference.contexts import ContextVectors
 from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.loading import Models, controller, load_models
@@ -41,7 +41,7 @@ def test_every_method_builds_from_what_it_needs_and_acts(
     state = built.begin(task)
     for _ in range(2):
         action, state = built.act(state, frames, np.ones(ROWS, bool))
-        assert action.shape == (ROWS, spec(env).action_size)
+        assert action.shape == (ROWS, task_info(env).action_size)
         assert (np.abs(action) <= 1).all()
 
 

@@ -11,12 +11,12 @@ from elast_cli.control.collection import collect_episode
 from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import column_digests
 from elast_cli.data.shards import shard_path
-from elast_cli.envs.registry import ENVS, make
+from elast_cli.envs.block.param import BlockParam
 from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
 from elast_cli.models.parts import kinds
 from elast_cli.progress import Silent
 from elast_cli.stages import collect, presets, train
-from elast_cli.stages.job import Job, RecipeJob, has_context, resolve_device
+from elast_cli.stages.job import Job, RecipeJob, resolve_device
 from elast_cli.stages.resolve import needs, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
@@ -167,20 +167,17 @@ def param_lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
     """A whole chain of stand-ins with contexts."""
     made: dict[str, Ref] = {}
     for role in kinds():
-        inputs = {need: made[need] for need in needs(job.env, role)}
+        inputs = {need: made[need] for need in needs(job, role)}
         made[role] = publish(job, role, inputs, mark=mark if role == "dataset" else 0)
     return made
 
 
-@pytest.mark.parametrize("env", ENVS)
-def test_an_environment_is_known_to_have_contexts_if_it_shows_them(env: str) -> None:
-    assert has_context(env) == (make(env).context is not None)
-
-
 @pytest.mark.parametrize("role", kinds())
-def test_every_learned_part_is_made_from_the_context_where_there_is_one(role: str) -> None:
-    assert ("context" in needs(PARAM, role)) == (role not in ("dataset", "context"))
-    assert "context" not in needs(ENV, role)
+def test_every_learned_part_is_made_from_the_context_where_there_is_one(
+    job: Job, param_job: Job, role: str
+) -> None:
+    assert ("context" in needs(param_job, role)) == (role not in ("dataset", "context"))
+    assert "context" not in needs(job, role)
 
 
 def test_the_context_is_found_with_its_lineage_and_dropped_where_there_is_none(
@@ -229,7 +226,7 @@ def test_a_dataset_without_the_contexts_of_its_environment_is_refused(
     words = "collect.n=60", "collect.episode_steps=10"
     ready = replace(param_job, config=presets.load("quick", PARAM, words))
     with monkeypatch.context() as patch:
-        patch.setattr(ENVS[PARAM].env_class, "context", None)
+        patch.setattr(BlockParam, "context", None)
         collect.recipe_job(ready).carry_out()
     wanted = train.recipe_job(ready, "context")
     with pytest.raises(DataError, match=r"block-param/dataset/v1: .* elast collect .* --force"):

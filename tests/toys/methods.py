@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.registry import spec
+from elast_cli.envs.registry import task_info
 from elast_cli.models.density.config import DensityConfig
 from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
@@ -47,7 +47,7 @@ def ramp(quantiles: QuantileTable, top: float) -> None:
 def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     """Untrained models for an environment, a folder for each kind."""
     torch.manual_seed(0)
-    action = spec(env).action_size
+    action = task_info(env).action_size
     encoder = Representation(
         EncoderConfig(latent_size=LATENT, width=8, pool=8), CpcConfig(dynamics_width=8), action, 0
     )
