@@ -11,11 +11,12 @@ from elast_cli.errors import DataError
 from elast_cli.models.encoder.config import EncoderSection
 from elast_cli.models.encoder.cpc import EncoderSpec, Representation, cpc_loss
 from elast_cli.models.encoder.encode import encode, latents
-from elast_cli.models.encoder.hard_negatives import Lookalikes, Starts
+from elast_cli.models.encoder.hard_negatives import HardNegatives, Starts
 from elast_cli.models.encoder.windows import FrameWindows, frame_features
 from elast_cli.models.fit import fit
 from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import VALIDATION_ROWS, LatentData
+from elast_cli.models.outputs import Outputs
 from elast_cli.models.part import Setting, Sizes, Trained, seed_torch, stream
 from elast_cli.models.probe import probe_state
 from elast_cli.seeding import generator
@@ -23,11 +24,16 @@ from elast_cli.seeding import generator
 
 def train(inputs: Inputs, section: EncoderSection, setting: Setting) -> Trained:
     """φ and h_f, trained on frames."""
-    return train_encoder(inputs.dataset, inputs.context, section, setting)
+    return train_encoder(inputs.dataset, inputs.context, section, setting, outputs=inputs.outputs)
 
 
 def train_encoder(
-    dataset: Dataset, context: Tensor, section: EncoderSection, setting: Setting
+    dataset: Dataset,
+    context: Tensor,
+    section: EncoderSection,
+    setting: Setting,
+    *,
+    outputs: Outputs | None = None,
 ) -> Trained:
     """Train φ and h_f on Eq. 4, then measure the latents: step lengths, probes of the true state.
 
@@ -35,7 +41,8 @@ def train_encoder(
         dataset: random interaction data.
         context: context vector of each episode [E,C].
         section: configuration.
-        setting: seed, device, folder.
+        setting: seed, device, folder, memory.
+        outputs: where the latents are kept for the other parts.
 
     Raises:
         DataError: the episodes are too short for the horizon.
@@ -45,7 +52,7 @@ def train_encoder(
     model = Representation(section.net, section.cpc, action_size, context.shape[1])
     model.to(setting.device)
     train, val = dataset.split(setting.validation_share, setting.seed)
-    features = frame_features(dataset, model.encoder).to(setting.device)
+    features = frame_features(dataset, model.encoder, setting)
     windows = FrameWindows(dataset, features, context.to(setting.device))
     horizon = section.cpc.horizon
     starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
@@ -57,11 +64,11 @@ def train_encoder(
     sample = generator("train", setting.seed, stream("encoder")).choice(starts, 4096)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
     check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
-    batches: Starts | Lookalikes = Starts(starts)
+    batches: Starts | HardNegatives = Starts(starts)
     if section.cpc.lookalikes > 1:
-        batches = Lookalikes(
+        batches = HardNegatives(
             starts,
-            lambda rows: latents(model, windows, rows + horizon).cpu().numpy(),
+            lambda rows: latents(model.encoder, windows, rows + horizon).cpu().numpy(),
             group=section.cpc.lookalikes,
             refresh=section.cpc.refresh,
         )
@@ -79,7 +86,7 @@ def train_encoder(
         return {k: float(torch.stack([p[k] for p in parts]).mean()) for k in parts[0]}
 
     curve = fit("encoder", model, loss, validate, config=section.fit, setting=setting)
-    data = encode(dataset, context, model, setting)
+    data = encode(dataset, context, model.encoder, setting, windows=windows, outputs=outputs)
     z, z_next = data.z[data.train], data.z[data.train + 1]
     model.scale.fit(z, z_next)
     model.step_length_quantiles.fit((z_next - z).norm(dim=1))
@@ -96,7 +103,7 @@ def train_encoder(
 def _encoder_metrics(
     model: Representation, data: LatentData, dataset: Dataset, curve: list[dict[str, float]]
 ) -> dict[str, float]:
-    z, action, context, z_next = data.transitions(data.val)
+    z, action, context, z_next = data.held_out()
     with torch.no_grad():
         error = (model.dynamics(z, action, context) - z_next).norm(dim=1)
     probes = probe_state(
