@@ -16,7 +16,7 @@ from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
 from elast_cli.envs.registry import spec
 from elast_cli.planners.base import Limits, Plan, Query, Radii
-from elast_cli.planners.tree.config import TreeConfig, BatchConfig
+from elast_cli.planners.tree.config import BatchConfig, TreeConfig
 from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Float32
 

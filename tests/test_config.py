@@ -9,8 +9,7 @@ import pytest
 from pydantic import Field
 
 from elast_cli.config import StrictModel, dump_yaml, parse_yaml, read_yaml, validate
-from elast_cli.errors import suggestion
-from elast_cli.errors import ConfigError, DataError, MissingInputError
+from elast_cli.errors import ConfigError, DataError, MissingInputError, suggestion
 
 
 class PlannerConfig(StrictModel):

@@ -5,15 +5,18 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from elast_cli.cli.meter import Clock, Meter, duration, pace
 from elast_cli.progress import Advance, Progress, Silent
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress as Bars
 
+FIRST_LINE = 5.0  # seconds until the first plain line of a task
 LINE_EVERY = 10.0  # seconds between two plain lines of one task
 
 
@@ -25,29 +28,36 @@ def reporter(*, quiet: bool) -> Progress:
 
 
 class LineReporter:
-    """Plain lines, for logs: one every ten seconds a task, and one when it ends."""
+    """Plain lines, for logs: one after five seconds a task, one every ten, one when it ends."""
 
-    def task(self, label: str, total: int) -> AbstractContextManager[Advance]:
-        """Count steps towards `total`."""
-        return self._task(label, total)
+    def __init__(self, clock: Clock = time.monotonic) -> None:
+        self._clock = clock
 
     @contextmanager
-    def _task(self, label: str, total: int) -> Iterator[Advance]:
-        began = shown = time.monotonic()
-        done, first = 0, 0
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
+        """Count steps towards `total`."""
+        meter, ended = Meter(total, done, self._clock), threading.Event()
+        teller = threading.Thread(target=self.tell, args=(label, meter, ended.wait), daemon=True)
+        teller.start()
+        try:
+            yield meter.advance
+        finally:
+            ended.set()
+            teller.join()
+        self.note(f"{label}: {meter.done}/{total} done in {duration(meter.elapsed)}")
 
-        def advance(steps: int) -> None:
-            nonlocal done, shown, first
-            first = steps if done == 0 else first  # a resumed run's start is no speed
-            done += steps
-            now = time.monotonic()
-            if now - shown >= LINE_EVERY:
-                shown = now
-                self.note(_line(label, done, total, (done - first) / (now - began)))
+    def tell(self, label: str, meter: Meter, ended: Callable[[float], bool]) -> None:
+        """Say how far a task is, until it ends.
 
-        yield advance
-        seconds = time.monotonic() - began
-        self.note(f"{label}: {done}/{total} done in {_duration(seconds)}")
+        Args:
+            label: what is counted.
+            meter: of the task.
+            ended: waits so many seconds; whether the task ended before that.
+        """
+        pause = FIRST_LINE
+        while not ended(pause):
+            self.note(_line(label, meter))
+            pause = LINE_EVERY
 
     def note(self, text: str) -> None:
         """Say one line."""
@@ -58,25 +68,29 @@ class LineReporter:
 class BarReporter:
     """Bars that redraw themselves; those of several tasks at a time stand below one another."""
 
-    def __init__(self) -> None:
+    def __init__(self, console: Console | None = None, clock: Clock = time.monotonic) -> None:
         self._lock = threading.Lock()
+        self._console, self._clock = console, clock
         self._bars: Bars | None = None
         self._open = 0
 
-    def task(self, label: str, total: int) -> AbstractContextManager[Advance]:
-        """Show a bar until the context ends."""
-        return self._task(label, total)
-
     @contextmanager
-    def _task(self, label: str, total: int) -> Iterator[Advance]:
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
+        """Show a bar until the context ends."""
+        meter = Meter(total, done, self._clock)
         with self._lock:
             if self._bars is None:
-                self._bars = _bars()
+                self._bars = _bars(self._console)
                 self._bars.start()
             bars, self._open = self._bars, self._open + 1
-            bar = bars.add_task(label, total=total)
+            bar = bars.add_task(label, total=total, completed=done, meter=meter)
+
+        def advance(steps: int) -> None:
+            meter.advance(steps)
+            bars.update(bar, completed=meter.done)
+
         try:
-            yield lambda steps: bars.advance(bar, steps)
+            yield advance
         finally:
             with self._lock:
                 self._open -= 1
@@ -92,7 +106,7 @@ class BarReporter:
             sys.stderr.write(f"{text}\n")
 
 
-def _bars() -> Bars:
+def _bars(console: Console | None) -> Bars:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -101,37 +115,29 @@ def _bars() -> Bars:
         Task,
         TextColumn,
         TimeElapsedColumn,
-        TimeRemainingColumn,
     )
     from rich.progress import Progress as Bars
     from rich.text import Text
 
-    class Rate(ProgressColumn):
-        """Steps a second."""
+    class Pace(ProgressColumn):
+        """Rate and time left; both from the first step on, where rich asks for two."""
+
+        max_refresh = 0.5
 
         def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text(f"{speed:.1f}/s" if speed else "")
+            return Text("" if task.finished else pace(task.fields["meter"]))
 
     return Bars(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        Rate(),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
+        Pace(),
+        console=console or Console(stderr=True),
     )
 
 
-def _line(label: str, done: int, total: int, rate: float) -> str:
-    left = f", {_duration((total - done) / rate)} left" if rate > 0 else ""
-    return f"{label}: {done}/{total} ({100 * done / max(total, 1):.0f} %), {rate:.1f}/s{left}"
-
-
-def _duration(seconds: float) -> str:
-    """`42 s`, `3 min 5 s`, `1 h 2 min`."""
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+def _line(label: str, meter: Meter) -> str:
+    share = 100 * meter.done / max(meter.total, 1)
+    how = pace(meter) or f"{duration(meter.elapsed)} so far"
+    return f"{label}: {meter.done}/{meter.total} ({share:.0f} %), {how}"

@@ -10,7 +10,8 @@ import numpy as np
 
 from elast_cli.control.base import Controller, Task
 from elast_cli.control.plan_log import PlanLog
-from elast_cli.shapes import FRAMES, Float32, Int64, Uint8
+from elast_cli.progress import Advance, ignore
+from elast_cli.shapes import FRAMES, Bool, Float32, Int64, Uint8
 
 
 class World(Protocol):
@@ -58,56 +59,90 @@ def run_episodes(
     max_steps: int,
     seeds: Int64,
     keep_frames: bool = False,
+    advance: Advance = ignore,
 ) -> list[Trace]:
     """Run one episode a scenario, all side by side, each to the end of its budget.
 
     Success is being within the radius at any step. From then on a row no longer counts as running:
     the controller acts on, without new plans, and only whether it holds the goal is of interest.
+
+    Args:
+        controller: acts for all rows at once.
+        envs: one environment a scenario.
+        scenarios: start and goal of each row.
+        max_steps: the budget.
+        seeds: of all planning [B].
+        keep_frames: whether traces have the frames.
+        advance: told of the steps of running rows; a row that succeeds counts as `max_steps`.
     """
-    first = [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
-    told = [info for _, info in first]
-    goals = np.stack([info["goal"] for info in told])
-    history = [[frame] for frame, _ in first]
-    states = [[info["state"]] for info in told]
-    steps: list[int | None] = [None] * len(envs)
-    held = [False] * len(envs)
-    resting = np.repeat(goals[:, None], FRAMES, axis=1)
-    task = Task(resting, seeds, context_images(told))
-    state = controller.begin(task)
+    record = _Record(
+        [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
+    )
+    resting = np.repeat(record.goals[:, None], FRAMES, axis=1)
+    state = controller.begin(Task(resting, seeds, record.context))
+    counted = 0
     for t in range(max_steps):
-        running = np.array([done is None for done in steps])
-        action, state = controller.act(state, _stack(history), running)
+        action, state = controller.act(state, record.stacks(), record.running())
         for b, env in enumerate(envs):
             frame, _, _, _, info = env.step(action[b])
-            history[b].append(frame)
-            states[b].append(info["state"])
-            held[b] = info["success"]
-            if held[b] and steps[b] is None:
-                steps[b] = t + 1
-    log = getattr(state, "log", PlanLog.empty(len(envs)))
-    length = [max_steps if done is None else done for done in steps]
-    return [
-        Trace(
-            steps=steps[b],
-            held=held[b],
-            length=length[b],
-            frames=np.stack(history[b][: length[b] + 1]) if keep_frames else None,
-            states=np.stack(states[b][: length[b] + 1]),
-            goal=goals[b],
-            log=log,
-            row=b,
+            record.add(b, frame, info, t + 1)
+        done = sum(t + 1 if steps is None else max_steps for steps in record.steps)
+        advance(done - counted)
+        counted = done
+    return record.traces(max_steps, getattr(state, "log", None), keep_frames=keep_frames)
+
+
+class _Record:
+    """What B episodes that run side by side have shown so far."""
+
+    def __init__(self, first: Sequence[tuple[Uint8, dict[str, Any]]]) -> None:
+        told = [info for _, info in first]
+        self.goals: Uint8 = np.stack([info["goal"] for info in told])
+        self.context = context_images(told)
+        self.frames = [[frame] for frame, _ in first]
+        self.states = [[info["state"]] for info in told]
+        self.steps: list[int | None] = [None] * len(first)  # until first success
+        self.held = [False] * len(first)
+
+    def running(self) -> Bool:
+        """Rows without a success [B]."""
+        return np.array([steps is None for steps in self.steps])
+
+    def stacks(self) -> Uint8:
+        """The last F frames of each row [B,F,64,64,3]; the first frame repeats at the start."""
+        back = range(-FRAMES, 0)
+        return np.stack(
+            [np.stack([row[max(len(row) + i, 0)] for i in back]) for row in self.frames]
         )
-        for b in range(len(envs))
-    ]
+
+    def add(self, b: int, frame: Uint8, info: Mapping[str, Any], step: int) -> None:
+        """One step of row b."""
+        self.frames[b].append(frame)
+        self.states[b].append(info["state"])
+        self.held[b] = info["success"]
+        if self.held[b] and self.steps[b] is None:
+            self.steps[b] = step
+
+    def traces(self, max_steps: int, log: PlanLog | None, *, keep_frames: bool) -> list[Trace]:
+        """All rows, each up to its first success."""
+        log = PlanLog.empty(len(self.steps)) if log is None else log
+        length = [max_steps if steps is None else steps for steps in self.steps]
+        return [
+            Trace(
+                steps=self.steps[b],
+                held=self.held[b],
+                length=length[b],
+                frames=np.stack(self.frames[b][: length[b] + 1]) if keep_frames else None,
+                states=np.stack(self.states[b][: length[b] + 1]),
+                goal=self.goals[b],
+                log=log,
+                row=b,
+            )
+            for b in range(len(self.steps))
+        ]
 
 
 def context_images(infos: Sequence[Mapping[str, Any]]) -> Uint8 | None:
     """Context images u8 [B,64,64,3] of what `reset` told of B episodes, if it shows them."""
     images = [info["context"] for info in infos if "context" in info]
     return np.stack(images) if images else None
-
-
-def _stack(history: Sequence[Sequence[Uint8]]) -> Uint8:
-    """The last F frames of each row [B,F,64,64,3]; the first frame repeats at the start."""
-    back = range(-FRAMES, 0)
-    return np.stack([np.stack([row[max(len(row) + i, 0)] for i in back]) for row in history])

@@ -1,1 +1,1 @@
-"""Engines: where the tasks of a stage run."""
+"""Engines: where the tasks of a stage run. `base.Engine` is what the stages ask for."""

@@ -6,87 +6,82 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from typing import TypeVar
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 
+from elast_cli.engine.base import K, R, T
+from elast_cli.engine.relay import SPAWN, relayed
 from elast_cli.errors import UnavailableError
+from elast_cli.progress import Progress
 
-T = TypeVar("T")
-R = TypeVar("R")
-K = TypeVar("K", bound=Hashable)
 MOST_DEATHS = 5  # pools lost before giving up
-SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
 
 
-def each(task: Callable[[T], R], items: Sequence[T], *, workers: int) -> Iterator[R]:
-    """`task(item)` of every item, as they complete; in this process if `workers` is 1.
+@dataclass(frozen=True)
+class LocalEngine:
+    """Worker processes on this machine; a single task at a time runs in this process."""
 
-    An item whose worker was killed is given to another one, so tasks must bear a repetition.
+    workers: int = 1
 
-    Raises:
-        UnavailableError: workers keep being killed.
-    """
-    if workers == 1 or len(items) <= 1:
-        yield from map(task, items)
-        return
-    left = dict(enumerate(items))
-    for _ in range(MOST_DEATHS):
-        try:
-            with _pool(min(workers, len(left))) as pool:
-                futures = {pool.submit(task, item): place for place, item in left.items()}
-                for future in as_completed(futures):
-                    result = future.result()
-                    del left[futures[future]]
-                    yield result
+    def each(self, task: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
+        """`task(item)` of every item, as they complete.
+
+        Raises:
+            UnavailableError: workers keep being killed.
+        """
+        if self.workers == 1 or len(items) <= 1:
+            yield from map(task, items)
             return
-        except BrokenProcessPool:
-            continue
-    raise _killed()
+        left = dict(enumerate(items))
+        for _ in range(MOST_DEATHS):
+            try:
+                with _pool(min(self.workers, len(left))) as pool:
+                    futures = {pool.submit(task, item): place for place, item in left.items()}
+                    for future in as_completed(futures):
+                        result = future.result()
+                        del left[futures[future]]
+                        yield result
+                return
+            except BrokenProcessPool:
+                continue
+        raise _killed()
 
+    def graph(
+        self,
+        needs: Mapping[K, Collection[K]],
+        item: Callable[[K], T],
+        task: Callable[[T], R],
+    ) -> Iterator[tuple[K, R]]:
+        """`task(item(key))` of every key, as they complete; a key's turn comes after all its needs.
 
-def graph(
-    needs: Mapping[K, Collection[K]],
-    item: Callable[[K], T],
-    task: Callable[[T], R],
-    *,
-    workers: int,
-) -> Iterator[tuple[K, R]]:
-    """`task(item(key))` of every key, as they complete; a key's turn comes after all its needs.
+        Raises:
+            UnavailableError: workers keep being killed.
+            ValueError: keys wait for one another.
+        """
+        left = dict(needs)
+        deaths = 0
+        while left:
+            ready = [key for key in left if not any(need in left for need in left[key])]
+            if not ready:
+                raise ValueError(f"these wait for one another: {', '.join(map(str, left))}")
+            if len(ready) == 1 or self.workers == 1:
+                result = task(item(ready[0]))
+                del left[ready[0]]
+                yield ready[0], result
+                continue
+            try:
+                yield from _in_parallel(left, item, task, self.workers)
+            except BrokenProcessPool:
+                deaths += 1
+                if deaths == MOST_DEATHS:
+                    raise _killed() from None
 
-    The caller has the results of a key's needs when `item` is called for it. A single key that can
-    be worked on is, in this process; several in `workers` processes. A key whose worker was killed
-    is given to another one, so tasks must bear a repetition.
-
-    Args:
-        needs: the keys in order, and what each waits for; needs that are no keys count as done.
-        item: what a task is given, asked for when its turn comes.
-        task: sent to workers, with its item.
-        workers: most processes at a time.
-
-    Raises:
-        UnavailableError: workers keep being killed.
-        ValueError: keys wait for one another.
-    """
-    left = dict(needs)
-    deaths = 0
-    while left:
-        ready = [key for key in left if not any(need in left for need in left[key])]
-        if not ready:
-            raise ValueError(f"these wait for one another: {', '.join(map(str, left))}")
-        if len(ready) == 1 or workers == 1:
-            result = task(item(ready[0]))
-            del left[ready[0]]
-            yield ready[0], result
-            continue
-        try:
-            yield from _in_parallel(left, item, task, workers)
-        except BrokenProcessPool:
-            deaths += 1
-            if deaths == MOST_DEATHS:
-                raise _killed() from None
+    def relayed(self, progress: Progress, tasks: int) -> AbstractContextManager[Progress]:
+        """Progress that workers show here; itself if all tasks run in this process."""
+        return relayed(progress, wanted=self.workers > 1 and tasks > 1)
 
 
 def _in_parallel(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, Protocol
 
-from elast_cli.engine.local import SPAWN
 from elast_cli.progress import Advance, Progress
+
+SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
 
 
 class _Queue(Protocol):
@@ -34,12 +36,9 @@ class Relay:
         self._queue = queue
         self._tasks = 0
 
-    def task(self, label: str, total: int) -> AbstractContextManager[Advance]:
-        """Show a bar in the parent."""
-        return self._task(label, total)
-
     @contextmanager
-    def _task(self, label: str, total: int) -> Iterator[Advance]:
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
+        """Show a bar in the parent."""
         self._tasks += 1
         key = (os.getpid(), threading.get_ident(), self._tasks)
         waiting, sent = 0, time.monotonic()
@@ -51,7 +50,7 @@ class Relay:
                 self._queue.put(("advance", key, waiting))
                 waiting, sent = 0, time.monotonic()
 
-        self._queue.put(("open", key, (label, total)))
+        self._queue.put(("open", key, (label, total, done)))
         try:
             yield advance
         finally:

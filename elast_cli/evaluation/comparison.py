@@ -11,7 +11,7 @@ from elast_cli.config import StrictModel
 from elast_cli.errors import DataError
 from elast_cli.evaluation.rows import EpisodeRow, Interval, Percent
 from elast_cli.evaluation.statistics import mcnemar_exact, mean, newcombe_paired, t_interval
-from elast_cli.evaluation.summary import grouped, refuse_twins
+from elast_cli.evaluation.summary import grouped, require_unique
 from elast_cli.evaluation.tables import empty_table, number
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ def compare(rows_a: Sequence[EpisodeRow], rows_b: Sequence[EpisodeRow]) -> list[
     Raises:
         DataError: an episode appears twice, or nothing pairs.
     """
-    refuse_twins(rows_a)
-    refuse_twins(rows_b)
+    require_unique(rows_a)
+    require_unique(rows_b)
     found = []
     for method_a, method_b in _method_pairs(rows_a, rows_b):
         in_a = {_pairing_key(row): row for row in rows_a if row.method == method_a}

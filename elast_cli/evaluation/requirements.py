@@ -79,7 +79,7 @@ def parse_requirement(text: str) -> Requirement:
 
 
 def expect(requirements: Iterable[Requirement], cells: Iterable[Cell]) -> None:
-    """Nothing if each requirement covers a cell: the check to make before an evaluation starts.
+    """Check that each requirement covers a cell; made before an evaluation starts.
 
     Raises:
         UsageError: a requirement that no cell could ever meet or miss.

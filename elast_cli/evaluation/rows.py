@@ -1,8 +1,7 @@
-"""From episode rows to tables, verdicts and paired differences. Pure: reads and writes no file.
+"""The rows of an evaluation: one an episode, one a success rate, and the document of both.
 
-A success rate always comes with its Wilson 95 % interval. Rows of several training seeds are given
-one by one and pooled; the pooled interval is over scenarios, so the spread between training seeds
-stands beside it (`pc_success_by_seed`, `pc_success_std`).
+A success rate always comes with its Wilson 95 % interval. Rows of several training seeds are pooled
+over scenarios; the spread between seeds stands beside (`pc_success_by_seed`, `pc_success_std`).
 """
 
 from __future__ import annotations

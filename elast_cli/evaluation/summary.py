@@ -18,7 +18,7 @@ def summarize(rows: Sequence[EpisodeRow]) -> list[OverallRow]:
     Raises:
         DataError: an episode appears twice.
     """
-    refuse_twins(rows)
+    require_unique(rows)
     overall = []
     for cell, cell_rows in grouped(rows, cell_of).items():
         by_seed = dict(sorted(grouped(cell_rows, lambda row: row.train_seed).items()))
@@ -96,7 +96,7 @@ def parse_results(document: object) -> Results:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "results"
         raise DataError(f"results: {field}: {first['msg']}, got {first['input']!r:.80}") from None
-    refuse_twins(results.per_episode)
+    require_unique(results.per_episode)
     return results
 
 
@@ -126,8 +126,8 @@ def cell_of(row: EpisodeRow | OverallRow) -> Cell:
     return Cell(row.env, row.level, row.method)
 
 
-def refuse_twins(rows: Sequence[EpisodeRow]) -> None:
-    """Nothing if every episode is there once.
+def require_unique(rows: Sequence[EpisodeRow]) -> None:
+    """Check that every episode is there once.
 
     Raises:
         DataError: an episode of a cell and training seed appears twice.

@@ -53,8 +53,7 @@ def fit(
     if state.restore():
         setting.progress.note(f"{kind}: resuming at step {state.step} of {config.steps}")
     module.train()
-    with setting.progress.task(kind, config.steps) as advance:
-        advance(state.step)
+    with setting.progress.task(kind, config.steps, state.step) as advance:
         while state.step < config.steps:
             with torch.autocast(setting.device.type, torch.bfloat16, enabled=low):
                 value, parts = loss(generator("train", setting.seed, stream(kind), state.step))

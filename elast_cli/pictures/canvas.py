@@ -1,4 +1,4 @@
-"""Pictures: success bars, film strips and animations; `plan_plot` adds the trees.
+"""What all pictures share: colours, rows of frames, figures that become a PNG.
 
 Matplotlib is imported where it is used and only through its Agg canvas, so no display is needed.
 The same data give the same bytes. Colours are colour-blind safe, one per method everywhere.
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
-    from PIL import Image
 
 Frames = NDArray[np.uint8]  # [T, H, W, 3]
 Frame = NDArray[np.uint8]  # [H, W, 3]
@@ -57,28 +56,6 @@ def colour_of(method: str) -> str:
     base = METHOD_COLOURS[max(bases, key=len)]
     channels = [int(base[at : at + 2], 16) for at in (1, 3, 5)]
     return "#" + "".join(f"{round(0.5 * channel + 0.5 * 255):02x}" for channel in channels)
-
-
-def canvas(frame: Frame, goal: Frame, *, scale: int, text: str, reached: bool) -> Image.Image:
-    """One picture of the animation: a line of text, the frame, the goal."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    height, width = frame.shape[0] * scale, frame.shape[1] * scale
-    margin, header = 3 * scale, 7 * scale
-    canvas = Image.new("RGB", (2 * width + 4 * margin, height + header + margin), "white")
-    draw = ImageDraw.Draw(canvas)
-    font = ImageFont.load_default(3.5 * scale)
-    border = START if reached else FAINT
-    sides = ((margin, frame, border, text), (width + 3 * margin, goal, GOAL, "goal"))
-    for left, image, colour, label in sides:
-        box = (left - scale, header - scale, left + width + scale - 1, header + height + scale - 1)
-        draw.rectangle(box, fill=colour)
-        big = Image.fromarray(np.ascontiguousarray(image)).resize(
-            (width, height), Image.Resampling.NEAREST
-        )
-        canvas.paste(big, (left, header))
-        draw.text((left - scale, scale), label, fill=INK, font=font)
-    return canvas
 
 
 def grid_shape(count: int, *, most: int) -> tuple[int, int]:

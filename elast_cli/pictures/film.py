@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from elast_cli.pictures.canvas import (
     FAINT,
     GOAL,
+    INK,
     START,
     Frame,
     Frames,
-    canvas,
     figure_png,
     frame_grid,
     grid_shape,
@@ -93,8 +95,8 @@ def animation(
     """
     from PIL import Image
 
-    canvases = [
-        canvas(
+    pictures = [
+        _side_by_side(
             frame,
             goal,
             scale=scale,
@@ -103,19 +105,43 @@ def animation(
         )
         for step, frame in enumerate(frames)
     ]
-    palette = _common_palette(canvases)
+    palette = _common_palette(pictures)
     first, *rest = [
-        canvas.quantize(palette=palette, dither=Image.Dither.NONE) for canvas in canvases
+        picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures
     ]
-    durations = [1000 // fps] * (len(canvases) - 1) + [1500]
+    durations = [1000 // fps] * (len(pictures) - 1) + [1500]
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0)
 
 
-def _common_palette(canvases: Sequence[Image.Image]) -> Image.Image:
+def _side_by_side(
+    frame: Frame, goal: Frame, *, scale: int, text: str, reached: bool
+) -> Image.Image:
+    """One picture of the animation: a line of text, the frame, the goal."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    height, width = frame.shape[0] * scale, frame.shape[1] * scale
+    margin, header = 3 * scale, 7 * scale
+    picture = Image.new("RGB", (2 * width + 4 * margin, height + header + margin), "white")
+    draw = ImageDraw.Draw(picture)
+    font = ImageFont.load_default(3.5 * scale)
+    border = START if reached else FAINT
+    sides = ((margin, frame, border, text), (width + 3 * margin, goal, GOAL, "goal"))
+    for left, image, colour, label in sides:
+        box = (left - scale, header - scale, left + width + scale - 1, header + height + scale - 1)
+        draw.rectangle(box, fill=colour)
+        big = Image.fromarray(np.ascontiguousarray(image)).resize(
+            (width, height), Image.Resampling.NEAREST
+        )
+        picture.paste(big, (left, header))
+        draw.text((left - scale, scale), label, fill=INK, font=font)
+    return picture
+
+
+def _common_palette(pictures: Sequence[Image.Image]) -> Image.Image:
     """One palette for all pictures, so that only what moves costs bytes."""
     from PIL import Image
 
-    chosen = [canvases[at] for at in sorted({0, len(canvases) // 2, len(canvases) - 1})]
+    chosen = [pictures[at] for at in sorted({0, len(pictures) // 2, len(pictures) - 1})]
     width, height = chosen[0].size
     sheet = Image.new("RGB", (width, height * len(chosen)))
     for at, image in enumerate(chosen):

@@ -43,33 +43,8 @@ def _bars(panel: Axes, methods: Sequence[str], rows: Sequence[OverallRow]) -> No
         row = by_method.get(method)
         if row is None:
             panel.text(1, at, "not evaluated", va="center", fontsize=8, color=MUTED)
-            continue
-        low, high = row.ci95
-        panel.barh(at, row.pc_success, height=0.62, color=colour_of(method), zorder=2)
-        panel.plot([low, high], [at, at], color=INK, lw=1.3, zorder=4, clip_on=False)
-        panel.plot(
-            [low, high],
-            [at, at],
-            ls="",
-            marker="|",
-            ms=6,
-            color=INK,
-            mew=1.3,
-            zorder=4,
-            clip_on=False,
-        )
-        seeds = row.pc_success_by_seed or {}
-        if len(seeds) > 1:
-            dots: dict[str, Any] = {
-                "s": 13,
-                "color": "white",
-                "edgecolors": INK,
-                "lw": 0.8,
-                "clip_on": False,
-            }
-            panel.scatter(list(seeds.values()), [at + 0.2] * len(seeds), zorder=5, **dots)
-        panel.text(104, at, f"{row.pc_success:.0f}", va="center", fontweight="bold")
-        panel.text(117, at, f"[{low:.0f}, {high:.0f}]", va="center", fontsize=8, color=MUTED)
+        else:
+            _bar(panel, at, row)
     panel.set_yticks(range(len(methods)), methods)
     panel.set_ylim(len(methods) - 0.45, -0.55)
     panel.set_xlim(0, 100)
@@ -77,9 +52,29 @@ def _bars(panel: Axes, methods: Sequence[str], rows: Sequence[OverallRow]) -> No
     panel.grid(axis="x", color=FAINT, lw=0.6, zorder=0)
     panel.tick_params(length=0)
     panel.spines[:].set_visible(False)
+    panel.set_xlabel(_label(rows), fontsize=8)
+
+
+def _bar(panel: Axes, at: int, row: OverallRow) -> None:
+    """A rate with its interval, the rates of single training seeds, and both as numbers."""
+    low, high = row.ci95
+    panel.barh(at, row.pc_success, height=0.62, color=colour_of(row.method), zorder=2)
+    line: dict[str, Any] = {"color": INK, "zorder": 4, "clip_on": False}
+    panel.plot([low, high], [at, at], lw=1.3, **line)
+    panel.plot([low, high], [at, at], ls="", marker="|", ms=6, mew=1.3, **line)
+    seeds = row.pc_success_by_seed or {}
+    if len(seeds) > 1:
+        dots: dict[str, Any] = {"s": 13, "color": "white", "edgecolors": INK, "lw": 0.8}
+        height = [at + 0.2] * len(seeds)
+        panel.scatter(list(seeds.values()), height, zorder=5, clip_on=False, **dots)
+    panel.text(104, at, f"{row.pc_success:.0f}", va="center", fontweight="bold")
+    panel.text(117, at, f"[{low:.0f}, {high:.0f}]", va="center", fontsize=8, color=MUTED)
+
+
+def _label(rows: Sequence[OverallRow]) -> str:
+    """What a panel's axis shows."""
     counts = sorted({row.n_episodes for row in rows})
     episodes = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     seeds_shown = any(len(row.pc_success_by_seed or {}) > 1 for row in rows)
-    dots_text = "; dots: training seeds" if seeds_shown else ""
-    label = f"success %, 95 % interval, {episodes} episodes{dots_text}"
-    panel.set_xlabel(label, fontsize=8)
+    dots = "; dots: training seeds" if seeds_shown else ""
+    return f"success %, 95 % interval, {episodes} episodes{dots}"

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from elast_cli.config import JsonDict
-from elast_cli.engine.local import graph
-from elast_cli.engine.relay import relayed
 from elast_cli.models.parts import DATASET
 from elast_cli.stages import collect, train
 from elast_cli.stages.job import Job, RecipeJob
@@ -41,14 +39,13 @@ def make_models(
     missing = {role: needs(job.env, role) for role in wanted if role not in made}
     if not missing:
         return made
-    workers = min(job.workers, MOST_TRAININGS)
-    with relayed(job.progress, wanted=workers > 1 and len(missing) > 1) as progress:
+    engine = replace(job, workers=min(job.workers, MOST_TRAININGS)).engine
+    with engine.relayed(job.progress, len(missing)) as progress:
         sent = replace(job, progress=progress)
-        for role, ref in graph(
+        for role, ref in engine.graph(
             missing,
             lambda role: (_after(job if role == DATASET else sent, made), role),
             _carry_out,
-            workers=workers,
         ):
             made[role] = ref
     return {role: made[role] for role in wanted}

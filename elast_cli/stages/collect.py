@@ -13,7 +13,6 @@ from elast_cli.control.collection import CollectConfig, collect_episode
 from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import read_head
 from elast_cli.data.shards import compact, shard_path, write_shard
-from elast_cli.engine.local import each
 from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
 from elast_cli.envs.registry import make, spec
 from elast_cli.errors import DataError
@@ -67,9 +66,8 @@ def _collect(job: Job, run: Run) -> JsonDict:
     there = collect.episodes - sum(len(shard.episodes) for shard in missing)
     if there:
         job.progress.note(f"collect: {there} episodes are there already")
-    with job.progress.task("collect (episodes)", collect.episodes) as advance:
-        advance(there)
-        for done in each(_collect_shard, missing, workers=job.workers):
+    with job.progress.task("collect (episodes)", collect.episodes, there) as advance:
+        for done in job.engine.each(_collect_shard, missing):
             advance(done)
     attrs: dict[str, str | int | float] = {
         "elast_version": elast_cli.__version__,

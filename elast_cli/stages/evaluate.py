@@ -14,13 +14,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
-from elast_cli.engine.local import each
 from elast_cli.envs.registry import make, scenarios, spec
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.files import whole_file
 from elast_cli.methods.table import method_named
-from elast_cli.progress import Silent
+from elast_cli.progress import Within
 from elast_cli.seeding import derived_seed
 from elast_cli.stages.job import (
     Job,
@@ -84,12 +83,7 @@ def _evaluate(
     note_if_unrepeatable(job, method_named(method))
     verify_files(job.store, inputs)  # once, before any worker reads them
     every = [scenario for level in levels for scenario in _scenarios(job, level)]
-    missing = [s for s in every if _read_row(run.work, s.level, s.index) is None]
-    chunks = _chunks(replace(job, progress=Silent()), method, inputs, missing, run.work)
-    with job.progress.task(f"{method} (episodes)", len(every)) as advance:
-        advance(len(every) - len(missing))
-        for done in each(_run_chunk, chunks, workers=job.workers):
-            advance(done)
+    _run_missing(job, method, inputs, every, run.work)
     rows = [row for s in every if (row := _read_row(run.work, s.level, s.index))]
     assert len(rows) == len(every)
     for level in levels:
@@ -101,6 +95,27 @@ def _evaluate(
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
     metrics["repeatable"] = time_budget(job, method_named(method)) is None
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
+
+
+def _run_missing(
+    job: Job, method: str, inputs: Mapping[str, Ref], every: Sequence[Scenario], folder: Path
+) -> None:
+    """Run those episodes whose row is not in `folder`; progress counts steps of their budgets."""
+    missing = [s for s in every if _read_row(folder, s.level, s.index) is None]
+    total, left = (sum(_budget(job, s) for s in some) for some in (every, missing))
+    chunks = _chunks(job, method, inputs, missing, folder)
+    with (
+        job.progress.task(f"{method} (steps)", total, total - left) as advance,
+        job.engine.relayed(Within(job.progress, advance), len(chunks)) as progress,
+    ):
+        sent = [replace(chunk, job=replace(job, progress=progress)) for chunk in chunks]
+        for _ in job.engine.each(_run_chunk, sent):
+            pass
+
+
+def _budget(job: Job, scenario: Scenario) -> int:
+    """Most steps of an episode."""
+    return spec(job.env).env_class.level(scenario.level).max_steps
 
 
 def _scenarios(job: Job, level: str) -> list[Scenario]:
@@ -132,24 +147,27 @@ def _chunks(
     return found
 
 
-def _run_chunk(chunk: _Chunk) -> int:
-    """Number of episodes run and written; an episode is the same whoever it runs beside."""
+def _run_chunk(chunk: _Chunk) -> None:
+    """Run and write a few episodes; an episode is the same whoever it runs beside."""
     from elast_cli.control.episodes import run_episodes
     from elast_cli.methods.loading import controller
 
     job = chunk.job
     limit_threads(job.threads)
-    level = spec(job.env).env_class.level(chunk.scenarios[0].level)
+    max_steps = _budget(job, chunk.scenarios[0])
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
-    traces = run_episodes(
-        controller(chunk.method, folders, job.config, job.env, device=job.device, rows=len(envs)),
-        envs,
-        chunk.scenarios,
-        max_steps=level.max_steps,
-        seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
-        keep_frames=True,
-    )
+    rows = len(envs)
+    with job.progress.task(chunk.method, rows * max_steps) as advance:
+        traces = run_episodes(
+            controller(chunk.method, folders, job.config, job.env, device=job.device, rows=rows),
+            envs,
+            chunk.scenarios,
+            max_steps=max_steps,
+            seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
+            keep_frames=True,
+            advance=advance,
+        )
     kept: set[bool] = set()  # the first success and the first failure are drawn
     for scenario, trace in zip(chunk.scenarios, traces, strict=True):
         success = trace.steps is not None
@@ -157,7 +175,6 @@ def _run_chunk(chunk: _Chunk) -> int:
             kept.add(success)
             _write_frames(chunk.folder, scenario, trace)
         _write_row(chunk.folder, _row(job, chunk.method, scenario, trace))
-    return len(traces)
 
 
 def plan_seed(job: Job, scenario: Scenario) -> int:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
+from elast_cli.engine.base import Engine
+from elast_cli.engine.local import LocalEngine
 from elast_cli.envs.base import ElastEnv
 from elast_cli.envs.registry import spec
 from elast_cli.errors import UnavailableError, UsageError
@@ -63,6 +65,11 @@ class Job:
     wait: bool = True
     force: bool = False
     fresh: bool = False
+
+    @property
+    def engine(self) -> Engine:
+        """Where the tasks of this job run."""
+        return LocalEngine(self.workers)
 
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""

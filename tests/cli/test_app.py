@@ -219,10 +219,10 @@ def test_a_home_that_is_a_file_is_an_io_error(
     fails(capsys, 74, COLLECT, str(home / "file"))
 
 
-def test_every_exit_code_of_the_readme_is_some_errors() -> None:
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
+def test_the_reference_lists_the_exit_code_of_every_error() -> None:
+    reference = (Path(__file__).parents[2] / "docs/reference/command-line.md").read_text()
     for error in ElastError.__subclasses__():
-        assert f"| {error.exit_code} |" in readme
+        assert f"| {error.exit_code} |" in reference
 
 
 def test_a_closed_pipe_is_quiet(home: Path) -> None:

@@ -24,7 +24,7 @@ from elast_cli.envs.scenario import Scenario
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
-DOCS = Path(__file__).parents[2] / "docs" / "environments.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "environments"
 each_env = pytest.mark.parametrize("entry", ENVS.values(), ids=list(ENVS))
 each_context_env = pytest.mark.parametrize(
     "entry",
@@ -382,10 +382,8 @@ def test_reset_starts_where_it_is_told(entry: EnvSpec) -> None:
 
 @each_env
 def test_the_documentation_states_budgets_and_radius(entry: EnvSpec) -> None:
-    text = DOCS.read_text(encoding="utf-8")
-    assert f"## `{entry.name}`" in text
-    assert f"{make(entry.name).success_radius:g} {entry.unit}" in text
-    section = text.split(f"## `{entry.name}`")[1].split("\n## ")[0]
+    section = (DOCS / f"{entry.name}.md").read_text(encoding="utf-8")
+    assert f"{make(entry.name).success_radius:g} {entry.unit}" in section
     for level in entry.levels.values():
         line = next(row for row in section.splitlines() if row.startswith(f"| `{level.name}` |"))
         assert f"| {level.max_steps} |" in line

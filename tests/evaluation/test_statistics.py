@@ -1,4 +1,4 @@
-"""The intervals against hand numbers and worked examples from the literature."""
+"""The intervals against hand numbers, worked examples from the literature, and scipy."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from elast_cli.evaluation.statistics import (
     mcnemar_exact,
@@ -37,6 +38,15 @@ def test_wilson_agrees_with_published_examples(
     got = wilson(successes, n)
     assert got[0] == pytest.approx(100 * low, abs=0.006)
     assert got[1] == pytest.approx(100 * high, abs=0.006)
+
+
+@given(n=st.integers(1, 1000), data=st.data())
+def test_wilson_agrees_with_scipy(n: int, data: st.DataObject) -> None:
+    successes = data.draw(st.integers(0, n))
+    confidence = data.draw(st.sampled_from([0.5, 0.9, 0.95, 0.99]))
+    found = stats.binomtest(successes, n).proportion_ci(confidence, method="wilson")
+    expected = (100 * found.low, 100 * found.high)
+    assert wilson(successes, n, confidence=confidence) == pytest.approx(expected, abs=1e-9)
 
 
 def test_wilson_agrees_with_its_closed_form_at_the_ends() -> None:
@@ -123,6 +133,30 @@ def test_mcnemar_agrees_with_published_examples_and_hand_numbers() -> None:
     assert mcnemar_exact(0, 0) == 1.0
     assert mcnemar_exact(4, 4) == 1.0
     assert mcnemar_exact(0, 3000) == 0.0
+
+
+@given(only_a=st.integers(0, 200), only_b=st.integers(0, 200))
+def test_mcnemar_is_the_binomial_test_of_scipy(only_a: int, only_b: int) -> None:
+    n = only_a + only_b
+    expected = stats.binomtest(only_a, n, 0.5).pvalue if n else 1.0
+    assert mcnemar_exact(only_a, only_b) == pytest.approx(expected, rel=1e-9)
+
+
+@given(
+    values=st.lists(st.floats(-1000, 1000), min_size=2, max_size=30),
+    confidence=st.sampled_from([0.5, 0.95, 0.99]),
+)
+def test_the_t_interval_agrees_with_scipy(values: list[float], confidence: float) -> None:
+    got = t_interval(values, confidence=confidence)
+    assert got is not None
+    spread = standard_deviation(values)
+    assert spread is not None
+    if spread == 0:
+        assert got == (mean(values), mean(values))
+        return
+    scale = spread / math.sqrt(len(values))
+    expected = stats.t.interval(confidence, len(values) - 1, loc=mean(values), scale=scale)
+    assert got == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_the_t_interval_agrees_with_a_hand_number() -> None:

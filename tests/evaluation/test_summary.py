@@ -1,51 +1,18 @@
-"""Episode rows to summaries, the results document and the table for people."""
+"""Episode rows to summaries and the results document."""
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
-from rich.console import Console
 
 from elast_cli.errors import DataError
-from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.evaluation.statistics import wilson
 from elast_cli.evaluation.summary import parse_results, pooled, results_document, summarize
-from elast_cli.evaluation.tables import table
-
-
-def episode(index: int = 0, **changes: Any) -> EpisodeRow:
-    fields: dict[str, Any] = {
-        "env": "block-s",
-        "level": "hard",
-        "method": "elast",
-        "train_seed": 0,
-        "episode_ix": index,
-        "seed": 7,
-        "success": True,
-        "steps": 48,
-        "shortest": 40,
-        "plans": 2,
-        "plan_s": 1.5,
-        "network_calls_per_step": 1000.0,
-        "held": True,
-    }
-    if changes.get("success") is False:
-        fields |= {"steps": None, "held": False}
-    return EpisodeRow(**(fields | changes))
-
-
-ROWS = [
-    episode(0, steps=40, plan_s=1.0, plans=1),
-    episode(1, steps=60, plan_s=3.0, plans=3, held=False),
-    episode(2, success=False, shortest=50),
-    episode(0, train_seed=1, success=False),
-    episode(1, train_seed=1, success=False),
-]
+from tests.toys.episodes import ROWS, episode
 
 
 def test_a_summary_agrees_with_hand_numbers() -> None:
@@ -139,18 +106,3 @@ def test_a_damaged_document_is_refused_in_one_line(document: Any, message: str) 
     with pytest.raises(DataError, match=message) as caught:
         parse_results(document)
     assert "\n" not in str(caught.value)
-
-
-def test_the_table_shows_each_method_with_its_interval() -> None:
-    rows = [*ROWS, episode(0, method="random", success=False, plans=0, plan_s=0.0)]
-    console = Console(width=160, file=io.StringIO(), record=True)
-    console.print(table(summarize(rows)))
-    lines = [line.split() for line in console.export_text().splitlines() if line.strip()]
-    assert lines[3][:5] == ["block-s", "hard", "elast", "40.0", "[11.8,"]
-    assert lines[3][-3:] == ["5", "67", "0"]
-    assert lines[4][:2] == ["random", "0.0"]
-    assert len(lines) == 5
-
-
-def test_the_table_of_one_seed_has_no_column_by_seed() -> None:
-    assert len(table(summarize(ROWS)).columns) == len(table(summarize(ROWS[:3])).columns) + 1

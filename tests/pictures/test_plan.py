@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
 from elast_cli.pictures.plan import PATH, PlanPicture, depths, plan_figure
+from tests.toys.pictures import pixels
 
 
 def picture(**changes: Any) -> PlanPicture:
@@ -35,11 +35,6 @@ def picture(**changes: Any) -> PlanPicture:
     return PlanPicture(**(fields | changes))
 
 
-def drawn(path: Path) -> NDArray[np.uint8]:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))
-
-
 def path_columns(image: NDArray[np.uint8]) -> NDArray[np.int64]:
     wanted = np.array([int(PATH[at : at + 2], 16) for at in (1, 3, 5)])
     near = np.abs(image.astype(int) - wanted).max(axis=-1) < 10
@@ -59,7 +54,7 @@ def test_a_tree_that_runs_in_a_circle_is_refused() -> None:
 
 def test_a_square_plan_has_its_frames_on_the_right(tmp_path: Path) -> None:
     plan_figure(picture(), tmp_path / "plan.png")
-    image = drawn(tmp_path / "plan.png")
+    image = pixels(tmp_path / "plan.png")
     assert 0 < path_columns(image).max() < 0.52 * image.shape[1]
 
 
@@ -74,7 +69,7 @@ def test_a_long_plan_runs_over_the_whole_width_from_left_to_right(tmp_path: Path
         support_xy=plain.support_xy * stretch,
     )
     plan_figure(long, tmp_path / "plan.png")
-    image = drawn(tmp_path / "plan.png")
+    image = pixels(tmp_path / "plan.png")
     columns = path_columns(image)
     assert columns.min() < 0.15 * image.shape[1]
     assert columns.max() > 0.85 * image.shape[1]
@@ -90,11 +85,11 @@ def test_a_long_plan_runs_over_the_whole_width_from_left_to_right(tmp_path: Path
         {"lines": (), "projection": "pca"},
     ],
 )
-def test_a_plan_without_path_tree_or_data_is_still_drawn(
+def test_a_plan_without_path_tree_or_data_is_still_pixels(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
     plan_figure(picture(**changes), tmp_path / "plan.png")
-    assert drawn(tmp_path / "plan.png").std() > 5
+    assert pixels(tmp_path / "plan.png").std() > 5
 
 
 def test_the_same_plan_gives_the_same_bytes(tmp_path: Path) -> None:
