@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from torch import nn
 
 from elast_cli.config import JsonDict
+from elast_cli.data.cache import ArrayCache
 from elast_cli.shapes import Float32
-from elast_cli.store.cache import ArrayCache
 
 FORMAT = 1  # raised whenever the outputs of equal weights change
 

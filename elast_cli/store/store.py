@@ -28,7 +28,6 @@ from pathlib import Path
 
 from elast_cli.errors import BusyError, DataError, MissingInputError
 from elast_cli.files import refuse_links, remove_folder, storage_errors
-from elast_cli.store.cache import is_entry
 from elast_cli.store.locks import LOCKS, held
 from elast_cli.store.manifest import (
     MANIFEST,
@@ -245,7 +244,9 @@ class Store:
         roots = (self.root("dataset"), self.root("other"))
         for root in roots:
             refuse_links(root / ".staging", root / ".runs", root / LOCKS, root / self.cache.name)
-        cached = [path for path in sorted(self.cache.glob("*")) if is_entry(path)]
+        cached = [
+            path for path in sorted(self.cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))
+        ]
         with storage_errors():
             for path in cached:
                 path.unlink(missing_ok=True)

@@ -189,11 +189,12 @@ class OtherContexts:
 
 def _neighbours(z: Tensor, train: Tensor, radius: float, rng: np.random.Generator) -> Tensor:
     """For each latent [N,Z] the rows i32 [N,K] of random ones of `train` within `radius` of it."""
-    found = torch.empty(len(z), min(KEPT, len(train)), dtype=torch.int32, device=z.device)
+    size = min(POOL, len(train))
+    kept = min(KEPT, size)
+    found = torch.empty(len(z), kept, dtype=torch.int32, device=z.device)
     for part, filled in zip(z.split(PART), found.split(PART), strict=True):
-        pick: Int64 = rng.choice(len(train), min(POOL, len(train)), replace=False)
+        pick: Int64 = rng.choice(len(train), size, replace=False)
         pool = train[torch.from_numpy(pick).to(train.device)]
-        kept = min(KEPT, len(pool))
         gap = torch.cdist(part, z[pool])
         order = torch.from_numpy(rng.random((len(part), len(pool)), dtype=np.float32)).to(gap)
         gap = torch.where(gap <= radius, order * radius, gap)  # within it in random order

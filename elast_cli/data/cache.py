@@ -17,7 +17,7 @@ from elast_cli.files import make_folders, open_regular, refuse_links, whole_file
 from elast_cli.shapes import Float32
 
 MOST_BYTES = 4 << 30  # of all files together; the oldest go first
-ENTRY = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # names of entries, also of unfinished ones
+_ENTRY = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # names of entries, also of unfinished ones
 
 
 class ArrayCache:
@@ -67,7 +67,7 @@ class ArrayCache:
 
     def _make_room(self, size: int) -> bool:
         """Remove the oldest entries until `size` bytes fit; False if they never do."""
-        entries = [(path.stat(), path) for path in self.folder.iterdir() if is_entry(path)]
+        entries = [(path.stat(), path) for path in self.folder.iterdir() if _is_entry(path)]
         used = sum(status.st_size for status, _ in entries)
         for status, path in sorted(entries, key=lambda entry: entry[0].st_mtime_ns):
             if used + size <= self.most_bytes:
@@ -77,9 +77,9 @@ class ArrayCache:
         return used + size <= self.most_bytes
 
 
-def is_entry(path: Path) -> bool:
+def _is_entry(path: Path) -> bool:
     """Whether a path is a file that a cache has made."""
-    return bool(ENTRY.fullmatch(path.name)) and path.is_file() and not path.is_symlink()
+    return bool(_ENTRY.fullmatch(path.name)) and path.is_file() and not path.is_symlink()
 
 
 def _head(name: str, array: Float32) -> bytes:
