@@ -125,7 +125,6 @@ def plan(
     ] = None,
 ) -> None:
     """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
-    from elast_cli.envs.registry import spec
     from elast_cli.methods.table import method_named
     from elast_cli.stages import plan as stage
 
@@ -133,7 +132,7 @@ def plan(
     extra += searching.overrides()
     uses = ("env", "eval", *method_named(method).sections)
     job = job_of(env, lineage, running, extra, asdict(inputs), uses)
-    wanted = stage.recipe_job(job, method, level or list(spec(env).levels)[-1], scenario)
+    wanted = stage.recipe_job(job, method, level or job.task_info.hardest.name, scenario)
     finish(wanted, running, stage.document)
 
 
@@ -147,7 +146,7 @@ def evaluate(
     env: SomeEnv = None,
 ) -> None:
     """Evaluate methods: success rates with intervals, pictures, results JSON."""
-    from elast_cli.envs.registry import ENVS
+    from elast_cli.envs.registry import names
     from elast_cli.stages import run as stage
     from elast_cli.store.manifest import Ref
 
@@ -156,9 +155,9 @@ def evaluate(
     extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
         job_of(name, lineage, running, extra, asdict(inputs), bench.sections(make=False))
-        for name in bench.having_levels([env] if env else named or ENVS)
+        for name in ([env] if env else named or names())
     ]
-    jobs = stage.complete(jobs, bench)
+    jobs = stage.complete(bench.having_levels(jobs), bench)
     report(jobs, bench, running, make=False)
 
 
@@ -168,10 +167,9 @@ def run_chain(
 ) -> None:
     """Do everything: data, training, evaluation; what is there already is not done again."""
     bench = benchmark_of(evaluating, lineage)
-    bench.having_levels([env])
     extra = [*evaluating.overrides(), *searching.overrides()]
     job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
-    report([job], bench, running, make=True)
+    report(bench.having_levels([job]), bench, running, make=True)
 
 
 def list_artifacts(

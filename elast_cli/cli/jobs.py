@@ -84,7 +84,7 @@ def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: boo
     """Evaluate, print the results of all jobs together, and hold them against the bounds."""
     from elast_cli.stages import run
 
-    bench.expect([job.env for job in jobs])
+    bench.expect(jobs)
     if running.dry_run:
         rows = [row for job in jobs for row in run.planned(job, bench, make=make)]
         print_json(rows) if running.json else print_text(run.planned_text(rows))

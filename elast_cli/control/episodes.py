@@ -14,7 +14,7 @@ from elast_cli.progress import Advance, ignore
 from elast_cli.shapes import FRAMES, Bool, Float32, Int64, Uint8
 
 
-class World(Protocol):
+class Environment(Protocol):
     """What the loop needs of an environment."""
 
     def reset(self, *, options: dict[str, Any]) -> tuple[Uint8, dict[str, Any]]:
@@ -53,7 +53,7 @@ class Trace:
 
 def run_episodes(
     controller: Controller[Any],
-    envs: Sequence[World],
+    envs: Sequence[Environment],
     scenarios: Sequence[Any],
     *,
     max_steps: int,

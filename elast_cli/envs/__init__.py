@@ -1,4 +1,4 @@
-"""Environments: registry, scenarios, and one file a family.
+"""Environments: the table, scenarios, and one folder a family.
 
 Importing this package registers the ids with gymnasium, so that
 `gymnasium.make("elast_cli.envs:elast/Cable-v0")` works.

@@ -1,4 +1,14 @@
-"""The environments by name, their scenarios, and their registration with gymnasium."""
+"""The table of environments: names, entry points, and registration with gymnasium.
+
+Nothing here imports an environment: its module loads when the first instance is made, and its
+configuration class loads by itself, without the physics engine.
+
+To add an environment, register one row: `register(EnvSpec(...))`. A package of yours makes its row
+known to the `elast` command by an entry point in its pyproject.toml that names an `EnvSpec`:
+
+    [project.entry-points."elast_cli.envs"]
+    my-env = "my_package.row:SPEC"
+"""
 
 from __future__ import annotations
 
@@ -6,143 +16,148 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pkgutil import resolve_name
 from typing import Literal
 
 import gymnasium
 import pydantic
 
 from elast_cli.config import StrictModel
-from elast_cli.envs.base import ElastEnv
-from elast_cli.envs.block import (
-    Block,
-    BlockAsym,
-    BlockAsymConfig,
-    BlockConfig,
-    BlockParam,
-    BlockParamConfig,
-)
-from elast_cli.envs.cable import Cable, CableConfig, CableParam, CableParamConfig
-from elast_cli.envs.planar_arm import PlanarArm, PlanarArmConfig
-from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
-from elast_cli.envs.scenario import Level, Scenario
+from elast_cli.envs.base import DrawsScenarios, ElastEnv, TaskInfo
+from elast_cli.envs.scenario import Scenario
+from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import ConfigError, UsageError, suggestion
 from elast_cli.seeding import generator
 
-__all__ = [
-    "ENVS",
-    "ElastEnv",
-    "EnvSpec",
-    "Level",
-    "RandomPolicy",
-    "RandomPolicyConfig",
-    "Scenario",
-    "make",
-    "scenarios",
-    "spec",
-]
+GROUP = "elast_cli.envs"  # of entry points: rows that other packages add
+Settings = StrictModel | Mapping[str, object]
 
 
 @dataclass(frozen=True)
 class EnvSpec:
-    """One environment: what its name stands for.
+    """One row of the table: what an environment's name stands for.
 
     Attributes:
         name: the word given to `--env`.
-        gym_id: its id in gymnasium's registry.
-        env_class: called as `env_class(config)`.
-        config_class: its configuration; the defaults are the task.
+        entry_point: "module:Class" of the environment, an `ElastEnv`; called as `Class(config)`.
+        config_entry_point: "module:Class" of its configuration, whose defaults are the task.
         about: one line for people.
-        unit: unit of `success_radius` and `ElastEnv.distance`.
+        gym_id: its id in gymnasium's registry, None if it needs none.
+        max_episode_steps: time limit of the gymnasium id: steps of the longest level.
     """
 
     name: str
-    gym_id: str
-    env_class: type[ElastEnv]
-    config_class: type[StrictModel]
+    entry_point: str
     about: str
-    unit: str
+    config_entry_point: str = "elast_cli.config:StrictModel"
+    gym_id: str | None = None
+    max_episode_steps: int | None = None
 
     @property
-    def levels(self) -> dict[str, Level]:
-        """Levels by name, the easiest first."""
-        return self.env_class.levels
+    def config_class(self) -> type[StrictModel]:
+        """Its configuration class."""
+        found: type[StrictModel] = resolve_name(self.config_entry_point)
+        return found
 
-    @property
-    def action_size(self) -> int:
-        """Size A of an action."""
-        return self.env_class.action_size
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the S numbers of a true state."""
-        return self.env_class.state_names
-
-    @property
-    def max_steps(self) -> int:
-        """Steps of the longest level: the time limit of the gymnasium id."""
-        return max(level.max_steps for level in self.levels.values())
+    def make(self, config: StrictModel) -> ElastEnv:
+        """A new instance; its module loads with the first."""
+        made: ElastEnv = resolve_name(self.entry_point)(config)
+        return made
 
 
-ENVS: dict[str, EnvSpec] = {
-    entry.name: entry
-    for entry in (
-        EnvSpec(
-            name="block-s",
-            gym_id="elast/BlockS-v0",
-            env_class=Block,
-            config_class=BlockConfig,
-            about="a block in an S-shaped corridor",
-            unit="workspace widths",
-        ),
-        EnvSpec(
-            name="block-asym",
-            gym_id="elast/BlockAsym-v0",
-            env_class=BlockAsym,
-            config_class=BlockAsymConfig,
-            about="a block in a ring whose one side is a one-way stream",
-            unit="workspace widths",
-        ),
-        EnvSpec(
-            name="block-param",
-            gym_id="elast/BlockParam-v0",
-            env_class=BlockParam,
-            config_class=BlockParamConfig,
-            about="a block between walls whose places and gaps change with the episode",
-            unit="workspace widths",
-        ),
-        EnvSpec(
-            name="planar-arm",
-            gym_id="elast/PlanarArm-v0",
-            env_class=PlanarArm,
-            config_class=PlanarArmConfig,
-            about="an arm of two links among obstacles that change with the episode",
-            unit="workspace widths",
-        ),
-        EnvSpec(
-            name="cable",
-            gym_id="elast/Cable-v0",
-            env_class=Cable,
-            config_class=CableConfig,
-            about="a cable moved by one end between walls to a given shape",
-            unit="workspace widths",
-        ),
-        EnvSpec(
-            name="cable-param",
-            gym_id="elast/CableParam-v0",
-            env_class=CableParam,
-            config_class=CableParamConfig,
-            about="a cable moved by one end between walls that change with the episode",
-            unit="workspace widths",
-        ),
+ENVS: dict[str, EnvSpec] = {}
+
+
+def register(entry: EnvSpec) -> None:
+    """Add an environment to the table and, if it has an id, to gymnasium's registry.
+
+    Raises:
+        UsageError: another environment has that name or that id.
+    """
+    if entry.name in ENVS:
+        if ENVS[entry.name] == entry:
+            return
+        raise UsageError(f"environment {entry.name!r} is registered already, as another one")
+    if entry.gym_id in gymnasium.registry:
+        raise UsageError(
+            f"environment {entry.name!r}: gymnasium has another {entry.gym_id} already"
+        )
+    ENVS[entry.name] = entry
+    if entry.gym_id:
+        gymnasium.register(
+            id=entry.gym_id,
+            entry_point=entry.entry_point,
+            max_episode_steps=entry.max_episode_steps,
+        )
+
+
+def _row(name: str, gym_name: str, where: str, steps: int, about: str) -> EnvSpec:
+    """A row of elast's own, whose configuration stands in `config` of the same folder."""
+    folder, class_name = where.split(".")[0], where.split(":")[1]
+    return EnvSpec(
+        name=name,
+        entry_point=f"elast_cli.envs.{where}",
+        about=about,
+        config_entry_point=f"elast_cli.envs.{folder}.config:{class_name}Config",
+        gym_id=f"elast/{gym_name}-v0",
+        max_episode_steps=steps,
     )
-}
 
-for _entry in ENVS.values():
-    gymnasium.register(
-        id=_entry.gym_id,
-        entry_point=f"{_entry.env_class.__module__}:{_entry.env_class.__name__}",
-        max_episode_steps=_entry.max_steps,
-    )
+
+for _entry in (
+    _row("block-s", "BlockS", "block.static:Block", 74, "a block in an S-shaped corridor"),
+    _row(
+        "block-asym",
+        "BlockAsym",
+        "block.asym:BlockAsym",
+        60,
+        "a block in a ring whose one side is a one-way stream",
+    ),
+    _row(
+        "block-param",
+        "BlockParam",
+        "block.param:BlockParam",
+        44,
+        "a block between walls whose places and gaps change with the episode",
+    ),
+    _row(
+        "planar-arm",
+        "PlanarArm",
+        "planar_arm.arm:PlanarArm",
+        64,
+        "an arm of two links among obstacles that change with the episode",
+    ),
+    _row(
+        "cable",
+        "Cable",
+        "cable.static:Cable",
+        100,
+        "a cable moved by one end between walls to a given shape",
+    ),
+    _row(
+        "cable-param",
+        "CableParam",
+        "cable.param:CableParam",
+        100,
+        "a cable moved by one end between walls that change with the episode",
+    ),
+):
+    register(_entry)
+
+
+@cache
+def _load_entry_points() -> None:
+    """Register the rows of other packages."""
+    for point in entry_points(group=GROUP):
+        register(point.load())
+
+
+def names() -> list[str]:
+    """All environments by name, those of other packages included."""
+    _load_entry_points()
+    return list(ENVS)
 
 
 def spec(name: str) -> EnvSpec:
@@ -152,12 +167,14 @@ def spec(name: str) -> EnvSpec:
         UsageError: naming the choices and the closest of them.
     """
     if name not in ENVS:
+        _load_entry_points()
+    if name not in ENVS:
         hint = suggestion(name, ENVS)
         raise UsageError(f"unknown environment {name!r}{hint}; choose {', '.join(ENVS)}")
     return ENVS[name]
 
 
-def make(name: str, config: StrictModel | Mapping[str, object] | None = None) -> ElastEnv:
+def make(name: str, config: Settings | None = None) -> ElastEnv:
     """A new environment, without gymnasium's wrappers and without a time limit.
 
     Raises:
@@ -165,21 +182,48 @@ def make(name: str, config: StrictModel | Mapping[str, object] | None = None) ->
         ConfigError: if the configuration does not fit it.
     """
     entry = spec(name)
+    kind = entry.config_class
     if config is None:
-        config = entry.config_class()
+        config = kind()
     elif isinstance(config, Mapping):
         try:
-            config = entry.config_class.model_validate_json(json.dumps(dict(config)))
+            config = kind.model_validate_json(json.dumps(dict(config)))
         except pydantic.ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
             raise ConfigError(f"configuration of {name}: {where}: {first['msg']}") from error
-    elif not isinstance(config, entry.config_class):
+    elif not isinstance(config, kind):
         raise ConfigError(
-            f"configuration of {name}: expected {entry.config_class.__name__}, "
-            f"not {type(config).__name__}"
+            f"configuration of {name}: expected {kind.__name__}, not {type(config).__name__}"
         )
-    return entry.env_class(config)
+    return entry.make(config)
+
+
+def make_simulated(name: str, config: Settings | None = None) -> SimulatedTask:
+    """A new environment whose state can be set; see `make`.
+
+    Raises:
+        UsageError: if its state cannot be set.
+    """
+    env = make(name, config)
+    if not isinstance(env, SimulatedTask):
+        raise UsageError(f"{name}: its state cannot be set, so distances are unknown")
+    return env
+
+
+def task_info(name: str, config: Mapping[str, object] | None = None) -> TaskInfo:
+    """What an environment says of itself; kept for the next caller.
+
+    Raises:
+        UsageError: if no environment has that name.
+        ConfigError: if the configuration does not fit it.
+    """
+    return _task_info(name, None if config is None else json.dumps(config, sort_keys=True))
+
+
+@cache
+def _task_info(name: str, config: str | None) -> TaskInfo:
+    return make(name, None if config is None else json.loads(config)).task_info
 
 
 def scenarios(
@@ -190,17 +234,19 @@ def scenarios(
     count: int,
     first: int = 0,
     domain: Literal["scenario-val", "scenario-test"] = "scenario-test",
-    config: StrictModel | Mapping[str, object] | None = None,
+    config: Settings | None = None,
 ) -> list[Scenario]:
     """Scenarios `first` to `first + count - 1` of a level.
 
     Scenario i depends on (domain, seed, level, i) alone.
 
     Raises:
-        UsageError: if the environment or the level is unknown.
+        UsageError: if the environment or the level is unknown, or if it draws no scenarios.
     """
     env = make(env_name, config)
-    key = zlib.crc32(env.level(level).name.encode())
+    key = zlib.crc32(env.task_info.level(level).name.encode())
+    if not isinstance(env, DrawsScenarios):
+        raise UsageError(f"{env_name} draws no scenarios: it is for collection alone")
     return [
         env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
         for index in range(first, first + count)

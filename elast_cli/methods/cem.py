@@ -7,7 +7,7 @@ from typing import Any
 from elast_cli.control.base import ControlConfig, Controller
 from elast_cli.control.followers import PlayActions
 from elast_cli.control.replan import Replan
-from elast_cli.envs.registry import spec
+from elast_cli.envs.registry import task_info
 from elast_cli.inference.contexts import ContextVectors
 from elast_cli.inference.frames import FrameEncoder
 from elast_cli.inference.rollout import CemRollout
@@ -23,7 +23,7 @@ def build(models: Models, preset: Preset, env: str, _rows: int) -> Controller[An
     encoder = models.part("encoder", Representation)
     config, control = preset.section("cem", CemConfig), preset.section("control", ControlConfig)
     median = encoder.step_length(0.5)
-    rollout = CemRollout(encoder.dynamics, spec(env).action_size)
+    rollout = CemRollout(encoder.dynamics, task_info(env, preset.env).action_size)
     return Replan(
         estimator=FrameEncoder(encoder.encoder),
         contexts=ContextVectors(models.maybe("context", ContextAutoencoder)),

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +18,7 @@ from elast_cli.planners.tree.forest import path_to
 from elast_cli.planners.tree.search import Search
 from elast_cli.shapes import Float32, Int32, Int64
 
-if TYPE_CHECKING:
-    from elast_cli.envs.base import ElastEnv
+Distance = Callable[[Float32, Float32], float]  # of two states, in the environment's unit
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,13 @@ class Explanation:
     figures: JsonDict
 
 
-def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv) -> Explanation:
-    """Plan for one query row by the tree and account for every edge of the path."""
+def explain_plan(
+    models: Models, config: TreeConfig, query: Query, distance: Distance | None
+) -> Explanation:
+    """Plan for one query row by the tree and account for every edge of the path.
+
+    `distance` of two true states, where the environment knows one, tells jumps from true steps.
+    """
     planner = tree_planner(models, config)
     began = time.perf_counter()
     search = Search(planner, query)
@@ -64,7 +67,7 @@ def explain_plan(models: Models, config: TreeConfig, query: Query, env: ElastEnv
         "limits": _finite(asdict(planner.limits)),
         "radii": _finite(asdict(planner.radii)),
         "goal": _goal(models, search),
-        "path": [*_path(models, search, path, nearest, env)],
+        "path": [*_path(models, search, path, nearest, distance)],
     }
     rows = _support(models).rows.cpu().numpy()[nearest]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
@@ -104,7 +107,7 @@ def _goal(models: Models, search: Search) -> JsonDict:
 
 
 def _path(
-    models: Models, search: Search, path: Int64, nearest: Int64, env: ElastEnv
+    models: Models, search: Search, path: Int64, nearest: Int64, distance: Distance | None
 ) -> Sequence[JsonDict]:
     """One entry a node: where it is, and the edge that leads to it."""
     forest, world = search.forest, search.growth.transitions.world
@@ -136,7 +139,7 @@ def _path(
                 "variance": float(variance[i - 1]),
                 "round_trip": float(round_trip[i - 1]),
                 "prediction_error": float(prediction[i - 1]),
-                "decoded_jump": env.distance(states[i - 1], states[i]),
+                "decoded_jump": distance(states[i - 1], states[i]) if distance else None,
             }
         entries.append(entry)
     return entries

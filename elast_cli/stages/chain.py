@@ -28,15 +28,15 @@ def make_models(
         roles: kinds of parts.
         known: artifacts that are taken as they are.
     """
-    wanted = roles_of(job.env, roles)
+    wanted = roles_of(job, roles)
     made = {role: ref for role, ref in (known or {}).items() if role in wanted}
     for role in wanted:
-        if role not in made and all(need in made for need in needs(job.env, role)):
+        if role not in made and all(need in made for need in needs(job, role)):
             ref = _recipe_job(_after(job, made), role).published()
             if ref:
                 job.progress.note(f"{ref} is there already, made by the same recipe")
                 made[role] = ref
-    missing = {role: needs(job.env, role) for role in wanted if role not in made}
+    missing = {role: needs(job, role) for role in wanted if role not in made}
     if not missing:
         return made
     engine = replace(job, workers=min(job.workers, MOST_TRAININGS)).engine
@@ -55,9 +55,9 @@ def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
     """What `make_models` would find and make, in order."""
     there: dict[str, Ref] = {}
     rows: list[JsonDict] = []
-    for role in roles_of(job.env, roles):
+    for role in roles_of(job, roles):
         ref = None
-        if all(need in there for need in needs(job.env, role)):
+        if all(need in there for need in needs(job, role)):
             ref = _recipe_job(_after(job, there), role).published()
         if ref:
             there[role] = ref

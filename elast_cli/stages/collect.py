@@ -72,7 +72,7 @@ def _collect(job: Job, run: Run) -> JsonDict:
     attrs: dict[str, str | int | float] = {
         "elast_version": elast_cli.__version__,
         "env": job.env,
-        "env_id": spec(job.env).gym_id,
+        "env_id": spec(job.env).gym_id or "",
         "seed": job.seed,
     }
     try:
@@ -110,7 +110,7 @@ def _is_there(shard: _Shard) -> bool:
 def _collect_shard(shard: _Shard) -> int:
     """Number of episodes written; each is the same whoever runs it, and may be run again."""
     env = make(shard.env, shard.config)
-    policy = RandomPolicy(env.action_size, shard.policy)
+    policy = RandomPolicy(env.task_info.action_size, shard.policy)
     episodes = (
         collect_episode(env, seed=shard.seed, index=index, length=shard.length, policy=policy)
         for index in shard.episodes

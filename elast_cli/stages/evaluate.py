@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.files import whole_file
@@ -49,14 +49,13 @@ def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:
         MissingInputError: a model that the method needs is not made yet.
     """
     entry = method_named(method)
-    known = spec(job.env).env_class
     inputs = resolve(job.of_method(entry), entry.parts)
     settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
         "sections": entry.settings(job.config),
         "env": job.config.env,
-        "levels": {level: known.level(level).max_steps for level in levels},
+        "levels": {level: job.task_info.level(level).max_steps for level in levels},
         "episodes": settings.episodes,
         "scenario_seed": settings.scenario_seed,
         "domain": settings.domain,
@@ -115,7 +114,7 @@ def _run_missing(
 
 def _budget(job: Job, scenario: Scenario) -> int:
     """Most steps of an episode."""
-    return spec(job.env).env_class.level(scenario.level).max_steps
+    return job.task_info.level(scenario.level).max_steps
 
 
 def _scenarios(job: Job, level: str) -> list[Scenario]:

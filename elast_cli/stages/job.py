@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from elast_cli.config import JsonDict
 from elast_cli.engine.base import Engine
 from elast_cli.engine.local import LocalEngine
-from elast_cli.envs.base import ElastEnv
-from elast_cli.envs.registry import spec
+from elast_cli.envs.base import TaskInfo
+from elast_cli.envs.registry import task_info
 from elast_cli.errors import UnavailableError, UsageError
 from elast_cli.models.parts import PARTS, closure
 from elast_cli.preset import DEFAULT, Preset
@@ -71,6 +71,11 @@ class Job:
         """Where the tasks of this job run."""
         return LocalEngine(self.workers)
 
+    @property
+    def task_info(self) -> TaskInfo:
+        """Sizes, levels and success of the task."""
+        return task_info(self.env, self.config.env)
+
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
         words = f"--env {self.env}"
@@ -89,7 +94,7 @@ class Job:
         """What this job changes in a part, or in one that it is made from."""
         if not self.changes or kind not in PARTS:
             return {}
-        made_from = closure([kind], has_context=has_context(self.env))
+        made_from = closure([kind], has_context=self.task_info.has_context)
         return {part: self.changes[part] for part in made_from if part in self.changes}
 
     def recipe(
@@ -154,11 +159,6 @@ class RecipeJob:
             if job.fresh:
                 run.fresh()
             return run.publish(self.make(run))
-
-
-def has_context(env: str) -> bool:
-    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
-    return spec(env).env_class.context is not ElastEnv.context
 
 
 def resolve_device(device: str) -> str:

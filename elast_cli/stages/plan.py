@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.registry import make, scenarios, spec
+from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario
+from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import UsageError
 from elast_cli.methods.table import Method, method_named, needing
 from elast_cli.models.parts import PARTS
@@ -50,7 +51,7 @@ def recipe_job(job: Job, method: str, level: str, index: int) -> RecipeJob:
         MissingInputError: a model is not made yet.
     """
     entry = _tree_method(method)
-    max_steps = spec(job.env).env_class.level(level).max_steps
+    max_steps = job.task_info.level(level).max_steps
     inputs = resolve(job.of_method(entry), ("dataset", *entry.parts))
     settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
@@ -113,7 +114,8 @@ def _plan(
         encoder.update(state, _resting(start), None)[0], goal, contexts(task.context, 1), seed
     )
     config = method.configure(job.config).section(PLANNER, TreeConfig)
-    plan = explain_plan(models, config, query, env)
+    distance = env.distance if isinstance(env, SimulatedTask) else None
+    plan = explain_plan(models, config, query, distance)
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)

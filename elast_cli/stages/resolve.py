@@ -9,23 +9,23 @@ from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.models import parts
 from elast_cli.stages import differences
-from elast_cli.stages.job import Job, has_context
+from elast_cli.stages.job import Job
 from elast_cli.store.manifest import Manifest, Ref
 
 
-def present(env: str, roles: Sequence[str]) -> list[str]:
+def present(job: Job, roles: Sequence[str]) -> list[str]:
     """Those of the roles that an environment has: without contexts there is no `context`."""
-    return parts.present(roles, has_context=has_context(env))
+    return parts.present(roles, has_context=job.task_info.has_context)
 
 
-def needs(env: str, role: str) -> list[str]:
+def needs(job: Job, role: str) -> list[str]:
     """What a role is made from, in the order in which it is made."""
-    return parts.needs(role, has_context=has_context(env))
+    return parts.needs(role, has_context=job.task_info.has_context)
 
 
-def roles_of(env: str, roles: Sequence[str]) -> list[str]:
+def roles_of(job: Job, roles: Sequence[str]) -> list[str]:
     """These roles and all that they are made from, in the order in which they are made."""
-    return parts.closure(roles, has_context=has_context(env))
+    return parts.closure(roles, has_context=job.task_info.has_context)
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
@@ -41,14 +41,14 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
     """
     given = {role: ref for role, ref in job.given.items() if role in parts.kinds()}
     if "context" in given:
-        refuse_without_context(job.env)
+        refuse_without_context(job)
     search = _Search(job, given)
-    roles = present(job.env, roles)
+    roles = present(job, roles)
     wanted = [role for role in parts.kinds() if role in roles or role in given]
     for end in range(1, len(wanted) + 1):
         if search.choose(wanted[:end], {}) is None:
             role = wanted[end - 1]
-            before = [need for need in needs(job.env, role) if not search.candidates[need]]
+            before = [need for need in needs(job, role) if not search.candidates[need]]
             raise MissingInputError(_missing(job, [*before, role][0], given))
     chosen = search.choose(wanted, {})
     assert chosen is not None  # the loop's last turn
@@ -175,12 +175,12 @@ class _Search:
                         )
 
 
-def refuse_without_context(env: str) -> None:
+def refuse_without_context(job: Job) -> None:
     """Raise UsageError if an environment has no contexts."""
-    if not has_context(env):
+    if not job.task_info.has_context:
         raise UsageError(
-            f"{env} has no contexts: nothing in it changes from episode to episode; "
-            f"run: elast train-encoder --env {env}"
+            f"{job.env} has no contexts: nothing in it changes from episode to episode; "
+            f"run: elast train-encoder --env {job.env}"
         )
 
 

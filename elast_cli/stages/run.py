@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
-from elast_cli.envs.registry import spec
 from elast_cli.errors import MissingInputError, RequirementError, UsageError, suggestion
 from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
 from elast_cli.evaluation.rows import Cell, EpisodeRow
@@ -82,30 +81,30 @@ class Benchmark:
             used |= {"collect", *(kind for method in methods for kind in closure(method.parts))}
         return used
 
-    def levels_of(self, env: str) -> tuple[str, ...]:
-        """The levels to evaluate of one environment: those asked for that it has."""
-        known = spec(env).levels
+    def levels_of(self, job: Job) -> tuple[str, ...]:
+        """The levels to evaluate of a job's environment: those asked for that it has."""
+        known = job.task_info.levels
         return tuple(known if self.levels is None else (n for n in self.levels if n in known))
 
-    def having_levels(self, envs: Collection[str]) -> list[str]:
-        """The environments that have something to evaluate.
+    def having_levels(self, jobs: Sequence[Job]) -> list[Job]:
+        """The jobs that have something to evaluate.
 
         Raises:
-            UsageError: an unknown environment, or a level that none of them has.
+            UsageError: a level that no environment of theirs has.
         """
-        known = list(dict.fromkeys(level for env in envs for level in spec(env).levels))
+        known = list(dict.fromkeys(level for job in jobs for level in job.task_info.levels))
         for name in self.levels or ():
             if name not in known:
                 hint = suggestion(name, known)
                 raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
-        return [env for env in envs if self.levels_of(env)]
+        return [job for job in jobs if self.levels_of(job)]
 
-    def expect(self, envs: Sequence[str]) -> None:
+    def expect(self, jobs: Sequence[Job]) -> None:
         """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
         cells = [
-            Cell(env, level, method)
-            for env in envs
-            for level in self.levels_of(env)
+            Cell(job.env, level, method)
+            for job in jobs
+            for level in self.levels_of(job)
             for method in self.methods
         ]
         expect(self.requirements, cells)
@@ -136,7 +135,7 @@ def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
 
 def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
     """The report of one environment; with `make`, missing data and models are made first."""
-    levels = bench.levels_of(job.env)
+    levels = bench.levels_of(job)
     evaluations: dict[tuple[str, int], Ref] = {}
     for seed in bench.seeds:
         of_seed = replace(job, seed=seed)
@@ -157,7 +156,7 @@ def make_parts(job: Job, methods: Sequence[str]) -> dict[str, dict[str, Ref]]:
     for name in methods:
         method = method_named(name)
         of_method = job.of_method(method)
-        keys = {role: _key(of_method, role) for role in roles_of(job.env, method.parts)}
+        keys = {role: _key(of_method, role) for role in roles_of(job, method.parts)}
         known = {role: made[key] for role, key in keys.items() if key in made}
         parts[name] = make_models(of_method, method.parts, known)
         made |= {keys[role]: ref for role, ref in parts[name].items()}
@@ -185,9 +184,9 @@ def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
                 listed |= {_key(given, str(row["kind"])) for row in models}
                 refs = {str(row["kind"]): Ref.maybe(str(row["published"])) for row in models}
                 given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
-            ref, needed = None, present(job.env, method.parts)
+            ref, needed = None, present(job, method.parts)
             if not make or all(role in given.given for role in needed):
-                ref = evaluate.recipe_job(given, name, bench.levels_of(job.env)).published()
+                ref = evaluate.recipe_job(given, name, bench.levels_of(job)).published()
             if ref:
                 evaluations[name, seed] = ref
             rows.append(_planned_row(of_seed, f"eval {name}", ref))

@@ -14,7 +14,7 @@ from elast_cli.errors import DataError
 from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.differences import WITHOUT_EFFECT
-from elast_cli.stages.job import Job, RecipeJob, has_context, limit_threads, verify_files
+from elast_cli.stages.job import Job, RecipeJob, limit_threads, verify_files
 from elast_cli.stages.resolve import needs, refuse_without_context, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
@@ -36,8 +36,8 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
     """
     part_named(kind)
     if kind == CONTEXT:
-        refuse_without_context(job.env)
-    inputs = resolve(job, needs(job.env, kind))
+        refuse_without_context(job)
+    inputs = resolve(job, needs(job, kind))
     config: JsonDict = {"env": job.config.env, kind: _settings(job, kind)}
     recipe = job.recipe(kind, config, inputs, algorithm_version=ALGORITHM_VERSION)
     return RecipeJob(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
@@ -93,7 +93,7 @@ def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
     """Raise DataError unless the dataset has the context images that its environment shows."""
     from elast_cli.shapes import IMAGE_SIZE
 
-    shape = (IMAGE_SIZE, IMAGE_SIZE, 3) if has_context(job.env) else None
+    shape = (IMAGE_SIZE, IMAGE_SIZE, 3) if job.task_info.has_context else None
     found = None if dataset.context is None else dataset.context.shape[1:]
     if found != shape:
         raise DataError(

@@ -1,1 +1,1 @@
-"""What the flat worlds share: rasters, rectangles, shortest paths."""
+"""What the flat workspaces share: rasters, rectangles, shortest paths."""

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from elast_cli.envs.base import FRAME_SIZE
-from elast_cli.envs.flat.shortest_path import Rect
+from elast_cli.envs.flat.rectangles import Rect
+from elast_cli.shapes import IMAGE_SIZE
 
 Colour = tuple[float, float, float]
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ WALL = (52.0, 58.0, 70.0)
 
 def empty(rects: tuple[Rect, ...], colour: Colour = WALL) -> Floats:
     """The background with some rectangles on it, f64 [64, 64, 3]."""
-    image = np.full((FRAME_SIZE, FRAME_SIZE, 3), BACKGROUND)
+    image = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), BACKGROUND)
     for rect in rects:
         rows, columns, patch = rectangle(image, rect, colour)
         image[rows, columns] = patch
@@ -32,8 +32,8 @@ def rectangle(image: Floats, rect: Rect, colour: Colour) -> tuple[slice, slice, 
 
     A pixel takes as much of the colour as the rectangle covers of it: exact, both are axis-aligned.
     """
-    columns, across = _coverage(rect[0] * FRAME_SIZE, rect[2] * FRAME_SIZE)
-    rows, down = _coverage((1 - rect[3]) * FRAME_SIZE, (1 - rect[1]) * FRAME_SIZE)
+    columns, across = _coverage(rect[0] * IMAGE_SIZE, rect[2] * IMAGE_SIZE)
+    rows, down = _coverage((1 - rect[3]) * IMAGE_SIZE, (1 - rect[1]) * IMAGE_SIZE)
     below = image[rows, columns]
     share = (down[:, None] * across)[:, :, None]
     return rows, columns, below + share * (np.asarray(colour) - below)
@@ -41,8 +41,11 @@ def rectangle(image: Floats, rect: Rect, colour: Colour) -> tuple[slice, slice, 
 
 def _coverage(low: float, high: float) -> tuple[slice, Floats]:
     """Pixels that the interval [low, high] touches, and the covered share of each."""
-    first, last = max(math.floor(low), 0), min(math.ceil(high), FRAME_SIZE)
-    share = [min(i + 1, high) - max(i, low) for i in range(first, last)]
+    first, last = max(math.floor(low), 0), min(math.ceil(high), IMAGE_SIZE)
+    share = [1.0] * (last - first)
+    if share:  # only the first and the last can be covered in part
+        share[0] = min(first + 1, high) - max(first, low)
+        share[-1] = min(last, high) - max(last - 1, low)
     return slice(first, last), np.array(share)
 
 
@@ -90,8 +93,7 @@ def chain(
     pixel takes a share that falls linearly from 1 to 0 within half a pixel of the shape's edge.
     """
     size = image.shape[0]
-    share = np.zeros((size, size))
-    along = np.zeros((size, size))
+    share, along = np.zeros((size, size)), np.zeros((size, size))
     last = nodes.shape[0] - 1
     for k in range(last):
         ax, ay = nodes[k, 0] * size, (1 - nodes[k, 1]) * size

@@ -1,4 +1,4 @@
-"""Obstacles that change with the episode: rectangles as a vector of numbers and back."""
+"""Rectangles in the unit square: their lengths, and layouts that stand for them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from elast_cli.envs.flat.shortest_path import Rect, count_cells
 from elast_cli.envs.scenario import Vector
 from elast_cli.errors import ConfigError
 
+Rect = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 _DIGITS = 6  # decimals that single precision keeps of a length in the unit square
 
 
@@ -33,6 +33,14 @@ def rects_of(layout: Vector, *, count: int) -> tuple[Rect, ...]:
     return tuple((a, b, c, d) for a, b, c, d in rects.tolist())
 
 
+def count_cells(length: float, cell: float) -> int:
+    """How many cells a length has. Raises ConfigError: no whole number."""
+    count = round(length / cell)
+    if abs(length / cell - count) > 1e-3:
+        raise ConfigError(f"length {length:g} is not a multiple of the lattice cell {cell:g}")
+    return count
+
+
 def check_range(name: str, bounds: tuple[float, float]) -> None:
     """Raise ValueError unless the bounds of a random length are positive, the least first."""
     if not 0 < bounds[0] <= bounds[1]:
@@ -40,10 +48,10 @@ def check_range(name: str, bounds: tuple[float, float]) -> None:
 
 
 def check_lanes(thickness: tuple[float, float], lane: float) -> None:
-    """Raise ValueError unless any two walls leave three lanes of the least size in the world."""
+    """Raise ValueError unless any two walls leave three lanes of the least size."""
     check_range("thickness", thickness)
     if 2 * thickness[1] + 3 * lane > 1:
-        raise ValueError("two walls of the greatest thickness and three lanes exceed the world")
+        raise ValueError("two walls of the greatest thickness and three lanes exceed the workspace")
 
 
 def check_cells(name: str, lengths: Iterable[float], cell: float) -> None:

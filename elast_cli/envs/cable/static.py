@@ -1,12 +1,4 @@
-"""The cable family: a cable that is moved by one end among walls, seen from above.
-
-The world is the unit square, x to the right and y up. The cable is a chain of rigid segments in
-pymunk, joined by rotary springs that have some friction; it lies on a surface that brakes it so
-strongly that nothing goes on moving by itself. An action is the velocity of one end, the head, in
-units of `displacement`; the head is pulled there by a limited force, so that walls stop it. The
-cable may lie across itself. A member of the family is a set of rectangles: data; in CableParam it
-changes with the episode.
-"""
+"""Cable: the cable among walls that never change, and what the family shares."""
 
 from __future__ import annotations
 
@@ -15,15 +7,13 @@ from typing import ClassVar
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
-from elast_cli.config import StrictModel
-from elast_cli.envs.base import Draws, ElastEnv
+from elast_cli.envs.cable.config import CableConfig
 from elast_cli.envs.flat import raster
-from elast_cli.envs.flat.rectangles import check_lanes, check_range, layout_of, rects_of
-from elast_cli.envs.flat.shortest_path import Rect
+from elast_cli.envs.flat.rectangles import Rect, rects_of
 from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
 from elast_cli.envs.scenario import Frame, Level, Scenario, Vector, empty_layout
+from elast_cli.envs.simulated import DrawLimit, SimulatedTask
 
 SEGMENTS = 16
 _COLOURS = np.array([(240.0, 150.0, 40.0), (30.0, 90.0, 200.0), (222.0, 40.0, 34.0)])
@@ -32,32 +22,7 @@ _SHAPING = RandomPolicyConfig(keep=0.85)  # random motion that leaves the shapes
 _CLEARANCE = 0.006  # beyond its radius, of a drawn cable from walls
 
 
-class CableConfig(StrictModel):
-    """Geometry and physics of a cable world, in workspace widths and steps. The defaults are Cable.
-
-    Masses are in cables. As all speed is braked away in each physics step, a force is the momentum
-    that it gives per step: force 1 drags a whole cable at 0.05 a step.
-    """
-
-    walls: tuple[Rect, ...] = ((0.31, 0.0, 0.35, 0.5), (0.65, 0.5, 0.69, 1.0))
-    length: float = Field(0.4, gt=0, lt=1, description="of the cable")
-    radius: float = Field(0.02, gt=0, lt=0.1, description="of the cable")
-    displacement: float = Field(0.05, gt=0, description="of the head at action 1, per axis, step")
-    success_radius: float = Field(0.05, gt=0, description="mean distance of the nodes")
-    apart: float = Field(0.15, ge=0, description="least distance of a scenario's start from goal")
-    shaping_steps: int = Field(50, ge=0, description="random steps that shape starts and goals")
-    head_force: float = Field(2.0, gt=0, description="greatest force on the head")
-    stiffness: float = Field(0.1, ge=0, description="of a joint's spring, per rad")
-    friction: float = Field(0.01, ge=0, description="torque that a joint withstands")
-    bend: float = Field(0.25, gt=0, lt=1, description="greatest angle of a joint, rad")
-    inertia: float = Field(
-        100.0, ge=1, description="factor on the segments' moments, for stability"
-    )
-    substeps: int = Field(20, ge=1, description="physics steps per environment step")
-    iterations: int = Field(12, ge=1, description="of the constraint solver")
-
-
-class Cable(ElastEnv):
+class Cable(SimulatedTask):
     """Cable: to a given shape, round two walls (Sec. 5.1). State: nodes (x, y), the head first.
 
     The one level, `standard`, draws start and goal independently: two free random shapes, each
@@ -69,6 +34,7 @@ class Cable(ElastEnv):
         f"{axis}{node}" for node in range(SEGMENTS + 1) for axis in "xy"
     )
     action_size: ClassVar[int] = 2
+    unit: ClassVar[str] = "workspace widths"
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 100, None, None, "from any shape and place to any other"),
     }
@@ -76,7 +42,7 @@ class Cable(ElastEnv):
     def __init__(
         self, config: CableConfig | None = None, *, render_mode: str | None = None
     ) -> None:
-        """Build the world of a configuration."""
+        """Build the workspace of a configuration."""
         super().__init__(render_mode=render_mode)
         self.config: CableConfig = config or CableConfig()
         self._part = self.config.length / SEGMENTS
@@ -161,7 +127,7 @@ class Cable(ElastEnv):
         """
         margin = self.config.radius + _CLEARANCE
         along = np.linspace(0, np.pi, SEGMENTS)
-        draws = Draws("free shape for the cable")
+        draws = DrawLimit("free shape for the cable")
         while True:
             draws.count()
             weights = rng.normal(0, 0.1, 4) / np.arange(1, 5)
@@ -178,9 +144,9 @@ class Cable(ElastEnv):
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
         """Start and goal drawn independently, again if they are less than `apart` apart."""
-        rules = self.level(level)
+        rules = self.task_info.level(level)
         self._draw_walls(rng)
-        draws = Draws("start and goal so far apart", most=1000)
+        draws = DrawLimit("start and goal so far apart", most=1000)
         while True:
             draws.count()
             start, goal = self._settled(rng), self._settled(rng)
@@ -222,6 +188,7 @@ class Cable(ElastEnv):
         """Take these walls, which `layout` stands for."""
         self._walls, self._layout = walls, layout
         self._background = raster.empty(walls)
+        self._empty: Frame = np.round(self._background).astype(np.uint8)
 
     def _segment(self, x: float, y: float, angle: float) -> pymunk.Body:
         half = self._part / 2
@@ -260,66 +227,6 @@ class Cable(ElastEnv):
         """Walls, and a border round the workspace thicker than any step."""
         rects = [*self._walls, (-1, -1, 0, 2), (1, -1, 2, 2), (-1, -1, 2, 0), (-1, 1, 2, 2)]
         return [pymunk.Poly(body, [(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in rects]
-
-
-class CableParamConfig(CableConfig):
-    """The same for walls that change with the episode. The defaults are CableParam.
-
-    `walls` stand in every layout.
-    """
-
-    walls: tuple[Rect, ...] = ()
-    thickness: tuple[float, float] = Field((0.04, 0.06), description="least and greatest, of walls")
-    reach: tuple[float, float] = Field((0.45, 0.65), description="least and greatest length")
-    lane: float = Field(0.24, gt=0, description="least width of the three lanes between walls")
-
-    @model_validator(mode="after")
-    def _fits(self) -> CableParamConfig:
-        check_lanes(self.thickness, self.lane)
-        check_range("reach", self.reach)
-        if self.reach[1] >= 1:
-            raise ValueError(f"reach: {self.reach}: a wall right across the world leaves no way")
-        return self
-
-
-class CableParam(Cable):
-    """CableParam: the cable round two walls that are drawn anew (Sec. 5.1). State: as for Cable.
-
-    Layout: the rectangles of both walls, f32 [8]. Each comes from below or from above.
-    """
-
-    _changing_walls: ClassVar[int] = 2
-
-    def __init__(
-        self, config: CableParamConfig | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Build the world of a configuration, with the same layout every time."""
-        config = config or CableParamConfig()
-        self._param = config
-        super().__init__(config, render_mode=render_mode)
-        self.set_state(*self.sample_start(np.random.default_rng(0)))
-
-    @property
-    def context(self) -> Frame:
-        """The walls without the cable, u8 [64, 64, 3]."""
-        return np.round(self._background).astype(np.uint8)
-
-    def sample_layout(self, rng: np.random.Generator) -> Vector:
-        """Two walls f32 [8], the left one first: what the lanes can spare is shared at random."""
-        param = self._param
-        widths = rng.uniform(*param.thickness, 2)
-        spare = 1 - widths.sum() - 3 * param.lane
-        shares = np.sort(rng.uniform(0, spare, 2))
-        lefts = (param.lane + shares[0], 2 * param.lane + widths[0] + shares[1])
-        rects: list[Rect] = []
-        for left, width in zip(lefts, widths, strict=True):
-            reach = rng.uniform(*param.reach)
-            low, high = (0.0, reach) if rng.random() < 0.5 else (1 - reach, 1.0)
-            rects.append((left, low, left + width, high))
-        return layout_of(rects)
-
-    def _draw_walls(self, rng: np.random.Generator) -> None:
-        self.set_state(self.state, self.sample_layout(rng))
 
 
 def _laid(angles: NDArray[np.float64], part: float) -> NDArray[np.float64]:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs.cable import SEGMENTS, CableParam
+from elast_cli.envs.cable.param import CableParam
+from elast_cli.envs.cable.static import SEGMENTS
 from elast_cli.envs.flat.rectangles import layout_of, rects_of
 from elast_cli.envs.registry import scenarios
 

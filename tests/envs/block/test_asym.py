@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs.block import BlockAsym
-from elast_cli.envs.flat.shortest_path import UNREACHABLE, Lattice
+from elast_cli.envs.block.asym import BlockAsym
+from elast_cli.envs.flat.lattice import Lattice
 from elast_cli.envs.registry import scenarios
 from elast_cli.envs.scenario import empty_layout
 
@@ -16,7 +16,7 @@ STREAM = (150, 198, 232)
 
 
 def at(x: float, y: float) -> BlockAsym:
-    """A world with the block's centre at (x, y)."""
+    """A task with the block's centre at (x, y)."""
     env = BlockAsym()
     env.set_state(np.array([x, y], dtype=np.float32), empty_layout())
     return env
@@ -90,27 +90,6 @@ def test_every_scenario_is_near_against_the_stream_and_far_round() -> None:
         field = still.field(scenario.goal, env.success_radius)
         assert scenario.shortest is not None
         assert still.steps(field, scenario.start) < scenario.shortest / 2
-
-
-def test_shortest_steps_count_the_drift() -> None:
-    band = Lattice(
-        [], low=0.05, high=0.95, step=0.07, cell=0.005, stream=(0.0, 0.3, 1.0, 0.7), drift=(0, -0.1)
-    )
-    field = band.field(np.array([0.5, 0.2]), 0.05)
-    assert band.steps(field, np.array([0.5, 0.7])) == 3  # 0.17 a step down the stream
-    assert band.steps(field, np.array([0.5, 0.9])) == 6  # three steps into it, then three
-    up = band.field(np.array([0.5, 0.9]), 0.05)
-    assert band.steps(up, np.array([0.5, 0.2])) == UNREACHABLE
-    assert band.steps(up, np.array([0.5, 0.69])) == UNREACHABLE
-
-
-def test_a_sideways_stream_is_counted_as_well() -> None:
-    band = Lattice(
-        [], low=0.05, high=0.95, step=0.07, cell=0.005, stream=(0.0, 0.4, 1.0, 0.6), drift=(0.1, 0)
-    )
-    field = band.field(np.array([0.8, 0.5]), 0.05)
-    assert band.steps(field, np.array([0.25, 0.5])) == 3
-    assert band.steps(band.field(np.array([0.25, 0.5]), 0.05), np.array([0.8, 0.5])) > 6
 
 
 def test_the_picture_shows_the_stream_as_a_band_under_the_block() -> None:

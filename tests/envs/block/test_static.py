@@ -1,4 +1,4 @@
-"""The block world: walls, sliding, pictures and shortest steps."""
+"""The block: walls, sliding, pictures and shortest steps."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs.block import Block, BlockConfig
-from elast_cli.envs.flat.shortest_path import UNREACHABLE, Lattice
+from elast_cli.envs.block.config import BlockConfig
+from elast_cli.envs.block.static import Block
+from elast_cli.envs.flat.lattice import Lattice
+from elast_cli.envs.flat.shortest_path import UNREACHABLE
 from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario, empty_layout
-from elast_cli.errors import ConfigError
 
 BLOCK = (222, 60, 34)
 WALL = (52, 58, 70)
 
 
 def at(x: float, y: float, config: BlockConfig | None = None) -> Block:
-    """A world with the block's centre at (x, y)."""
+    """A task with the block's centre at (x, y)."""
     env = Block(config)
     env.set_state(np.array([x, y], dtype=np.float32), empty_layout())
     return env
@@ -170,16 +171,6 @@ def test_shortest_steps_are_met_and_never_beaten_in_the_physics_engine(
         assert scenario.shortest <= steps <= scenario.shortest + 2
 
 
-def test_shortest_steps_on_an_open_field_are_those_of_the_larger_axis() -> None:
-    open_field = Lattice([], low=0.05, high=0.95, step=0.07, cell=0.005)
-    field = open_field.field(np.array([0.5, 0.5]), 0.05)
-    assert open_field.steps(field, np.array([0.5, 0.54])) == 0
-    assert open_field.steps(field, np.array([0.5, 0.62])) == 1
-    assert open_field.steps(field, np.array([0.5, 0.625])) == 2
-    assert open_field.steps(field, np.array([0.9, 0.5])) == 5
-    assert open_field.steps(field, np.array([0.9, 0.9])) == 6  # the disc's edge is nearer in x
-
-
 def test_a_finer_lattice_counts_the_same_shortest_steps() -> None:
     env = Block()
     coarse = Lattice(env._grown, low=0.05, high=0.95, step=0.07, cell=0.01)
@@ -187,17 +178,6 @@ def test_a_finer_lattice_counts_the_same_shortest_steps() -> None:
         field = coarse.field(scenario.goal, env.success_radius)
         assert scenario.shortest is not None
         assert abs(coarse.steps(field, scenario.start) - scenario.shortest) <= 1
-
-
-def test_a_place_behind_closed_walls_cannot_be_reached() -> None:
-    shut = Lattice([(0.0, 0.4, 1.0, 0.6)], low=0.05, high=0.95, step=0.07, cell=0.01)
-    field = shut.field(np.array([0.5, 0.8]), 0.05)
-    assert shut.steps(field, np.array([0.5, 0.2])) == UNREACHABLE
-
-
-def test_walls_off_the_lattice_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"0\.333"):
-        Lattice([(0.0, 0.333, 1.0, 0.6)], low=0.0, high=1.0, step=0.07, cell=0.01)
 
 
 @pytest.mark.parametrize("level", ["medium", "hard"])

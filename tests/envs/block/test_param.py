@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.envs.block import BlockParam
+from elast_cli.envs.block.param import BlockParam
+from elast_cli.envs.flat.lattice import Lattice
 from elast_cli.envs.flat.rectangles import layout_of, rects_of, whole_cells
-from elast_cli.envs.flat.shortest_path import UNREACHABLE, Lattice
+from elast_cli.envs.flat.shortest_path import UNREACHABLE
 from elast_cli.envs.registry import scenarios
 
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elast_cli.envs.flat.shortest_path import UNREACHABLE
-from elast_cli.envs.planar_arm import OBSTACLES, PlanarArm, _collides
+from elast_cli.envs.planar_arm.arm import OBSTACLES, PlanarArm
+from elast_cli.envs.planar_arm.collision import collides
 from elast_cli.envs.registry import scenarios
 from elast_cli.envs.scenario import Scenario
 
@@ -18,7 +19,7 @@ FAR = np.array([0.06, 0.06, 0.06, 0.94, 0.06, 0.06, 0.94, 0.94, 0.06], dtype=np.
 
 
 def at(shoulder: float, elbow: float, layout: np.ndarray = FAR) -> PlanarArm:
-    """A world with the joints at these angles, the obstacles out of reach if not given."""
+    """A task with the joints at these angles, the obstacles out of reach if not given."""
     env = PlanarArm()
     env.set_state(np.array([shoulder, elbow], dtype=np.float32), layout)
     return env
@@ -213,6 +214,6 @@ def test_straight_motion_never_solves_a_scenario() -> None:
         assert not env.sees(scenario.start, scenario.goal)
         circles = scenario.layout.astype(float).reshape(-1, 3)
         for angles in (scenario.start, scenario.goal):
-            assert not _collides(
+            assert not collides(
                 float(angles[0]), float(angles[1]), env._lengths, env.config.radius, circles
             )
