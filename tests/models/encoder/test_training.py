@@ -18,7 +18,7 @@ from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.density.noise import OtherContexts
 from elast_cli.models.density.training import train_density
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSection
-from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.encoder.cpc import EncoderSpec, Representation
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.encoder.hard_negatives import Starts
 from elast_cli.models.encoder.net import Encoder
@@ -182,12 +182,12 @@ def test_an_encoder_takes_contexts(dataset: Dataset, tmp_path: Path) -> None:
     stage = ENCODER.model_copy(update={"fit": FitConfig(steps=10, batch_size=64)})
     context = torch.randn(EPISODES, 5, generator=torch.Generator().manual_seed(0))
     trained = train_encoder(dataset, context, stage, setting(tmp_path))
-    assert trained.sizes is not None
-    assert trained.sizes.context == 5
+    assert isinstance(trained.spec, EncoderSpec)
+    assert trained.spec.sizes.context == 5
     assert isinstance(trained.module, Representation)
     data = encode(dataset, context, trained.module, setting(tmp_path))
     torch.testing.assert_close(data.context[::ROWS], context)
-    assert data.sizes == trained.sizes
+    assert data.sizes == trained.spec.sizes
 
 
 # ---- encoder ------------------------------------------------------------------------------------
@@ -197,8 +197,8 @@ def test_the_encoders_losses_fall_and_its_latents_hold_the_state(encoder: Traine
     assert fell(encoder, "val_info_nce", 0.8)
     assert encoder.metrics["probe_knn_r2"] > 0.8
     assert 1.5 < encoder.metrics["latent_dimensions_used"] <= 3
-    assert encoder.sizes is not None
-    assert encoder.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
+    assert isinstance(encoder.spec, EncoderSpec)
+    assert encoder.spec.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
 
 
 def test_distances_of_images_are_trained_on_and_are_the_same_every_time(
@@ -335,22 +335,22 @@ def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
         weights(differing, 0.5, None)
 
 
-def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_lent_to(
+def test_relabelled_transitions_are_data_in_the_contexts_of_the_rows_that_they_stand_for(
     data: LatentData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = replace(data, context=torch.rand(len(data.z), 2))
     dynamics = DynamicsEnsemble(EnsembleConfig(members=2, width=8), 3, 2, 2)
-    borrower: list[Tensor] = []
+    asked: list[Tensor] = []
     shares: list[float] = []
     seen: list[int] = []
 
-    def lent(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
-        borrower.append(rows)
+    def relabelled(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
+        asked.append(rows)
         shares.append(share)
         return rows.flip(0)
 
     def log_ratio(self: TransitionDensity, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        rows = borrower[-1]
+        rows = asked[-1]
         places, count = rows.flip(0), len(rows)
         if len(z) == 11 * count:  # with ten false ones each; not in calibration
             assert torch.equal(z[:count], data.z[places])
@@ -362,14 +362,14 @@ def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_len
 
     known = TransitionDensity.log_ratio
     with monkeypatch.context() as patch:
-        patch.setattr(OtherContexts, "lent", lent)
+        patch.setattr(OtherContexts, "relabelled", relabelled)
         patch.setattr(TransitionDensity, "log_ratio", log_ratio)
-        net = DensityConfig(width=8, lent_share=0.25)
+        net = DensityConfig(width=8, relabelled_share=0.25)
         stage = DensitySection(net=net, fit=FitConfig(steps=3, batch_size=16))
         train_density(data, stage, setting(tmp_path), dynamics)
     assert shares.count(0.25) == 3
     assert len(seen) == len(shares)
-    assert set(shares) == {0.0, 0.25}  # what is held out is never lent
+    assert set(shares) == {0.0, 0.25}  # what is held out is never relabelled
 
 
 def test_the_policy_learns_and_calibrates_its_round_trip(
