@@ -110,9 +110,8 @@ def _plan(
     encoder = FrameEncoder(models.part("encoder", Representation).encoder)
     contexts = ContextVectors(models.maybe("context", ContextAutoencoder))
     goal, state = encoder.begin(task)
-    query = Query(
-        encoder.update(state, _resting(start), None)[0], goal, contexts(task.context, 1), seed
-    )
+    z, _ = encoder.update(state, _resting(start), None)
+    query = Query(z, goal, contexts(task.context, 1), seed)
     config = method.configure(job.config).section(PLANNER, TreeConfig)
     distance = env.distance if isinstance(env, SimulatedTask) else None
     plan = explain_plan(models, config, query, distance)

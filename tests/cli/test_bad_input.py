@@ -52,13 +52,13 @@ from tests.toys.command_line import COLLECT, fails
         (
             78,
             ["collect", "--env", "block-param", "--set", "env.lane=0.4"],
-            ["exceed the workspace"],
+            ["workspace"],
         ),
         (78, ["collect", "--env", "block-param", "--set", "env.stub=0.001"], ["stub", "0.01"]),
         (
             78,
             ["collect", "--env", "cable-param", "--set", "env.lane=0.4"],
-            ["exceed the workspace"],
+            ["workspace"],
         ),
         (78, ["collect", "--env", "cable-param", "--set", "env.reach=[0.6,0.5]"], ["reach"]),
         (

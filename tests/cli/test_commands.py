@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli.cli import app as cli
-from elast_cli.envs.registry import ENVS, make
+from elast_cli.envs.registry import ENVS, task_info
 from tests.toys.command_line import COLLECT, fails
 
 
@@ -81,7 +81,7 @@ def test_eval_takes_the_environments_that_have_the_level(
     words = ["eval", "--methods", "random", "--dry-run", "--json", "--quiet"]
     assert cli.run([*words, "--level", "hard"]) == 0
     envs = {row["env"] for row in json.loads(capsys.readouterr().out)}
-    levels = {name: make(name).task_info.levels for name in ENVS}
+    levels = {name: task_info(name).levels for name in ENVS}
     assert envs == {name for name in ENVS if "hard" in levels[name]}
     assert 0 < len(envs) < len(ENVS)
     fails(capsys, 2, [*words, "--level", "hard,hrad"], "'hrad'", "did you mean 'hard'", "medium")
