@@ -32,7 +32,7 @@ def settings(method: str, budget: int) -> list[str]:
     """
     if method == "elast":
         expansions = int(budget // PER_EXPANSION)
-        return [f"planner.expansions={expansions}", "planner.replan_expansions=2000"]
+        return [f"planner.expansions={expansions}", "planner.reuse.expansions=2000"]
     samples = budget // CEM_ROUNDS
     return [f"cem.num_samples={samples}", f"cem.topk={max(2, samples // 10)}"]
 
