@@ -70,7 +70,11 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     _check_contexts(job, inputs[DATASET], dataset)
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
-        seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
+        seed=job.seed,
+        work=run.work,
+        device=torch.device(job.device),
+        progress=job.progress,
+        memory_gb=job.memory_gb,
     )
     part = part_named(kind)
     with _disk_errors():
