@@ -216,10 +216,10 @@ def compare(
 ) -> None:
     """Compare two evaluations on the scenarios they share, with intervals."""
     from elast_cli.evaluation.comparison import comparison_table
-    from elast_cli.stages import inspect
+    from elast_cli.stages import results
     from elast_cli.store.store import Store
 
-    found = inspect.comparison(Store.default(), ref_a, ref_b)
+    found = results.comparison(Store.default(), ref_a, ref_b)
     if json:
         print_json([row.model_dump(mode="json") for row in found])
     else:

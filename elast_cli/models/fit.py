@@ -35,12 +35,12 @@ def fit(
     config: FitConfig,
     setting: Setting,
 ) -> list[dict[str, float]]:
-    """Train `module` in place and return the rows of its metrics, one per `log_every` steps.
+    """Train `module` in place: rows of its metrics, one per `log_every` steps.
 
     Args:
         kind: of the part; names its random stream and its progress bar.
-        module: what to train; moved to its device already.
-        loss: draws a batch from the generator it is given and returns the loss and its parts.
+        module: on its device.
+        loss: draws a batch from a generator and returns the loss and its parts.
         validate: metrics on held-out data, called at every logged step.
         config: steps, rate, intervals.
         setting: seed, folder of the checkpoint, progress.
@@ -60,14 +60,20 @@ def fit(
             _refuse_infinite(kind, value, state)
             state.advance(value)
             advance(1)
-            if state.step % config.log_every == 0 or state.step == config.steps:
+            last = state.step == config.steps
+            if last or state.step % config.log_every == 0:
                 state.rows.append(_row(state.step, value, parts, validate))
-            if state.step % config.save_every == 0 and state.step < config.steps:
+            if not last and state.step % config.save_every == 0:
                 state.save()
-    if low:
+    _finish(module, rounded=low)
+    return state.rows
+
+
+def _finish(module: nn.Module, *, rounded: bool) -> None:
+    """Make a trained module ready for inference; perhaps with rounded weights."""
+    if rounded:
         round_weights(module)
     module.eval()
-    return state.rows
 
 
 def _refuse_infinite(kind: str, value: Tensor, state: TrainingState) -> None:

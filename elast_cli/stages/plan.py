@@ -15,7 +15,7 @@ from elast_cli.envs.scenario import Scenario
 from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import UsageError
 from elast_cli.methods.table import Method, method_named, needing
-from elast_cli.models.parts import PARTS
+from elast_cli.models.parts import DATASET, PARTS
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
 from elast_cli.stages.collect import DATASET_FILE
@@ -53,7 +53,7 @@ def recipe_job(job: Job, method: str, level: str, index: int) -> RecipeJob:
     """
     entry = _tree_method(method)
     max_steps = job.task_info.level(level).max_steps
-    inputs = resolve(job.of_method(entry), ("dataset", *entry.parts))
+    inputs = resolve(job.of_method(entry), (DATASET, *entry.parts))
     settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
@@ -100,7 +100,7 @@ def _plan(
 
     limit_threads(job.threads)
     note_if_unrepeatable(job, method)
-    verify_files(job.store, inputs)
+    verify_files(job.store, {role: ref for role, ref in inputs.items() if role != DATASET})
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role in PARTS}
     models = load_models(folders, job.device)
     scenario = _scenario(job, level, index)
@@ -175,14 +175,13 @@ def _draw(
     from elast_cli.pictures.plan import PlanPicture, plan_figure
     from elast_cli.pictures.projection import project_2d
 
-    pixels = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE)).pixels
+    # frames are checked chunk by chunk as they are read: the rest of the file does not matter here
+    pixels = Dataset.load(job.store.path(inputs[DATASET]) / DATASET_FILE).pixels
     every = np.concatenate([plan.latents, support, ends])
     xy, name = project_2d(every, fit=support, seed=job.seed)
     nodes, size = len(plan.latents), len(support)
     inner = np.arange(1, len(plan.path))
     shown = inner[:: max(1, -(-len(inner) // MOST_FRAMES))]
-    figures = plan.figures
-    reached = "reached" if figures["reached"] else "not reached"
     config = run.recipe.config
     picture = PlanPicture(
         nodes_xy=xy[:nodes],
@@ -196,10 +195,16 @@ def _draw(
         start=frames[0],
         goal=frames[1],
         title=f"{config['method']}: {job.env} {config['level']} {config['scenario']}",
-        lines=(
-            f"{figures['steps']} steps, goal {reached}",
-            f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",
-        ),
+        lines=_captions(plan.figures),
         projection=name,
     )
     plan_figure(picture, run.staging / PICTURE_FILE)
+
+
+def _captions(figures: JsonDict) -> tuple[str, str]:
+    """What a plan came to, in two lines."""
+    reached = "reached" if figures["reached"] else "not reached"
+    return (
+        f"{figures['steps']} steps, goal {reached}",
+        f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",
+    )

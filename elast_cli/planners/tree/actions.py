@@ -26,8 +26,7 @@ def propose(
     An action is uniform, some scaled to the edge of the box; or it keeps the node's own direction.
 
     Args:
-        forest: the trees.
-        rows: which of them [R].
+        forest, rows: the trees, and which of them [R].
         parent: nodes to expand [R,K].
         draws: [R,K,6+A] in [0, 1): ..., edge?, keep?, ..., direction.
         edge_actions: share of actions scaled to the edge.
@@ -49,8 +48,7 @@ def propose(
                 reach = max(reach, abs(new[d]))
                 moved |= own[d] != 0
             if draws[r, k, 2] < edge_actions:
-                for d in range(size):
-                    new[d] /= reach
+                new /= reach
             if moved and draws[r, k, 3] < momentum:
                 for d in range(size):
                     new[d] = min(max(own[d] + noise * new[d], -one), one)
