@@ -26,17 +26,17 @@ def propose(
     An action is uniform, some scaled to the edge of the box; or it keeps the node's own direction.
 
     Args:
-        forest, rows: the trees, and which of them [R].
+        forest: the trees.
+        rows: which of them [R].
         parent: nodes to expand [R,K].
         draws: [R,K,6+A] in [0, 1): ..., edge?, keep?, ..., direction.
         edge_actions: share of actions scaled to the edge.
         momentum: share of directions kept.
         momentum_noise: how much of the uniform action is added to a kept one.
     """
-    size, latents = forest.action.shape[2], forest.latent.shape[2]
+    size, noise, one = forest.action.shape[2], np.float32(momentum_noise), np.float32(1)
     action = np.empty((*parent.shape, size), np.float32)
-    z = np.empty((parent.size, latents), np.float32)
-    noise, one = np.float32(momentum_noise), np.float32(1)
+    z = np.empty((parent.size, forest.latent.shape[2]), np.float32)
     for r in range(parent.shape[0]):
         for k in range(parent.shape[1]):
             node = parent[r, k]
