@@ -58,6 +58,7 @@ def job_of(
         device=resolve_device(running.device),
         threads=running.threads,
         workers=running.workers or usable_cores(),
+        memory_gb=running.memory,
         progress=progress,
         given={role: Ref.parse(text) for role, text in (given or {}).items() if text is not None},
         wait=not running.no_wait,

@@ -148,6 +148,7 @@ class LatentWorld:
         self._cells: dict[float, Cells] = {}
         self._scale = Scale(dynamics.ensemble.scale)
         self._ensemble = DenseNetwork.of(dynamics.ensemble.layers)
+        self._library = [(w.cpu(), b.cpu()[:, None]) for w, b in self._ensemble.layers]
         self._single = DenseNetwork.of(forward_model.net) if forward_model else None
         self._policy = PolicyCall(policy)
         self._first = DenseNetwork([_first_layer_as_network(density)])
@@ -175,6 +176,20 @@ class LatentWorld:
         scale = self._scale
         steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
+
+    @torch.inference_mode()
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Next latent [M,Z] of H_f (or of h_f) in scenario `row`, by library products."""
+        if self._single is not None:
+            return self.step(z, action, np.full(len(z), row))[0]
+        context = np.repeat(self.context[row : row + 1], len(z), axis=0)
+        scale = self._scale
+        x = torch.from_numpy(_inputs(z, scale.mean, scale.std, action, context))
+        y = x.expand(self.members, -1, -1)
+        for i, (weight, bias) in enumerate(self._library):
+            y = torch.baddbmm(bias, torch.relu(y) if i else y, weight)
+        step: Float32 = y.mean(0).numpy()
+        return z + step * scale.step
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""

@@ -18,7 +18,7 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Planner
-from elast_cli.planners.shooting import ShootingPlanner
+from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset

@@ -59,6 +59,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     from elast_cli.models.files import save_model
     from elast_cli.models.fit import write_metrics
     from elast_cli.models.inputs import Inputs
+    from elast_cli.models.outputs import Outputs
     from elast_cli.models.part import Setting
     from elast_cli.models.precision import resolved
 
@@ -69,12 +70,17 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     _check_contexts(job, inputs[DATASET], dataset)
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
-        seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
+        seed=job.seed,
+        work=run.work,
+        device=torch.device(job.device),
+        progress=job.progress,
+        memory_gb=job.memory_gb,
     )
     part = part_named(kind)
     with _disk_errors():
         section = job.config.section(kind, part.section)
-        trained = part.train(Inputs(dataset, folders, setting), section, setting)
+        outputs = Outputs(job.store.cache, job.store.digest(inputs[DATASET]))
+        trained = part.train(Inputs(dataset, folders, setting, outputs), section, setting)
         save_model(run.staging, trained)
         write_metrics(trained.curve, run.staging)
     if shown := trained.reconstructions:

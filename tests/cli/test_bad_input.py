@@ -49,17 +49,9 @@ from tests.toys.command_line import COLLECT, fails
         ),
         (78, ["collect", "--env", "block-s", "--set", "collect.n=x"], ["collect.n", "'x'"]),
         (78, ["collect", "--env", "block-s", "--set", "n=3"], ["section.key=value"]),
-        (
-            78,
-            ["collect", "--env", "block-param", "--set", "env.lane=0.4"],
-            ["workspace"],
-        ),
+        (78, ["collect", "--env", "block-param", "--set", "env.lane=0.4"], ["exceed the work"]),
         (78, ["collect", "--env", "block-param", "--set", "env.stub=0.001"], ["stub", "0.01"]),
-        (
-            78,
-            ["collect", "--env", "cable-param", "--set", "env.lane=0.4"],
-            ["workspace"],
-        ),
+        (78, ["collect", "--env", "cable-param", "--set", "env.lane=0.4"], ["exceed the work"]),
         (78, ["collect", "--env", "cable-param", "--set", "env.reach=[0.6,0.5]"], ["reach"]),
         (
             78,

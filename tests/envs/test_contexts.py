@@ -91,4 +91,4 @@ def test_a_collection_stores_the_context_of_every_episode(entry: EnvSpec, tmp_pa
     compact(shards, tmp_path / "dataset.h5")
     stored = Dataset.load(tmp_path / "dataset.h5").context
     assert stored is not None
-    assert np.array_equal(stored, contexts)
+    assert np.array_equal(stored[:], contexts)

@@ -22,7 +22,7 @@ from elast_cli.models.context.net import ContextAutoencoder, context_vectors
 from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.cem import CemConfig, CemPlanner
-from elast_cli.planners.shooting import ShootingPlanner
+from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset
 from elast_cli.shapes import FRAMES
