@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from elast_cli.config import StrictModel
 from elast_cli.errors import UsageError
@@ -88,9 +86,11 @@ def test_a_closure_holds_all_that_is_needed_in_order(
 def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
     found = part_named(kind)
     assert issubclass(found.section, Section)
-    assert found.section().fit.steps > 0  # its defaults are complete: they are `standard`
-    assert issubclass(found.spec, StrictModel)
+    assert (
+        found.section.model_validate({}).fit.steps > 0
+    )  # its defaults are complete: they are `standard`
     assert callable(found.spec.build)
+    assert issubclass(found.spec, StrictModel)
     assert callable(found.train)
     assert found.about.endswith(".")
 
@@ -139,13 +139,6 @@ def test_a_row_that_cannot_be_is_refused(new: Part, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         register(new)
     assert list(PARTS) == OURS
-
-
-def test_rows_and_sections_do_not_change() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        part_named("policy").kind = "other"  # type: ignore[misc]  # it is frozen
-    with pytest.raises(ValidationError):
-        part_named("policy").section().fit = None  # type: ignore[assignment]  # it is frozen
 
 
 def loaded_by(code: str) -> set[str]:
