@@ -15,9 +15,12 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from elast_cli.methods.table import Models
+from elast_cli.methods.loading import Models
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.tree.forest import DIRECTION
+from elast_cli.planners.tree.actions import DIRECTION
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int64
@@ -50,9 +53,12 @@ class TorchNetworks:
 
     def __init__(self, models: Models, context: Float32) -> None:
         """Take frozen models on the CPU, and the scenario's context [C]."""
-        self.models, self.context = models, torch.from_numpy(context)
-        self.action_size = models.policy.action_size
-        self.support = cKDTree(models.ensemble.support.latents.numpy())
+        dynamics = models.part("ensemble", SupportedDynamics)
+        self.ensemble, self.context = dynamics.ensemble, torch.from_numpy(context)
+        self.density = models.part("density", TransitionDensity)
+        self.policy = models.part("policy", LocalPolicy)
+        self.action_size = self.policy.action_size
+        self.support = cKDTree(dynamics.support.latents.numpy())
 
     def _contexts(self, rows: int) -> torch.Tensor:
         return self.context.expand(rows, -1)
@@ -60,7 +66,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def step(self, z: Float32, action: Float32) -> tuple[Float32, Float32]:
         """H_f on [M,Z], [M,A]."""
-        z_next, variance = self.models.ensemble.ensemble(
+        z_next, variance = self.ensemble(
             torch.from_numpy(z), torch.from_numpy(action), self._contexts(len(z))
         )
         return z_next.numpy(), variance.numpy()
@@ -68,7 +74,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def log_density(self, z: Float32, z_next: Float32) -> Float32:
         """ψ on [M,Z], [M,Z]."""
-        found: Float32 = self.models.density(
+        found: Float32 = self.density(
             torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
         ).numpy()
         return found
@@ -76,7 +82,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def act(self, z: Float32, z_next: Float32) -> Float32:
         """π on [M,Z], [M,Z]."""
-        found: Float32 = self.models.policy(
+        found: Float32 = self.policy(
             torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
         ).numpy()
         return found

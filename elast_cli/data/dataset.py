@@ -6,6 +6,7 @@ A shard is a dataset of consecutive episodes; both have the layout of `layout`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from elast_cli import seeding
 from elast_cli.data import layout
+from elast_cli.data.images import Images
 from elast_cli.errors import DataError
 
 
@@ -36,7 +38,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Episodes 0 .. E-1 end to end in memory, N rows in all.
+    """Episodes 0 .. E-1 end to end, N rows in all; numbers in memory, images perhaps on disk.
 
     pixels     u8  [N, 64, 64, 3]
     action     f32 [N, A]  NaN in each episode's last row
@@ -46,16 +48,16 @@ class Dataset:
     context    u8  [E, H, W, 3] or None
     """
 
-    pixels: NDArray[np.uint8]
+    pixels: Images
     action: NDArray[np.float32]
     state: NDArray[np.float32]
     ep_len: NDArray[np.int32]
     ep_offset: NDArray[np.int64]
-    context: NDArray[np.uint8] | None
+    context: Images | None
 
     @classmethod
     def load(cls, path: Path) -> Dataset:
-        """The dataset in a file, which may come from anyone.
+        """The dataset in a file, which may come from anyone; it reads images when asked for them.
 
         Raises:
             DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
@@ -63,15 +65,7 @@ class Dataset:
         contents = layout.read(path)
         if contents.first_episode != 0:
             raise DataError(f"{path}: begins with episode {contents.first_episode}, not 0")
-        data = contents.arrays
-        return cls(
-            pixels=data["pixels"],
-            action=data["action"],
-            state=data["state"],
-            ep_len=data["ep_len"],
-            ep_offset=data["ep_offset"],
-            context=data.get("context"),
-        )
+        return cls(pixels=contents.pixels, context=contents.context, **contents.numbers)
 
     @property
     def episodes(self) -> int:
@@ -99,3 +93,8 @@ class Dataset:
             for e in episodes
         ]
         return np.concatenate([np.empty(0, np.int64), *ranges])
+
+    @cached_property
+    def episode(self) -> NDArray[np.int64]:
+        """The episode that each row lies in [N]."""
+        return np.repeat(np.arange(self.episodes), self.ep_len)

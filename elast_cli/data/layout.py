@@ -11,9 +11,6 @@ readers of this layout cut all columns alike.
 from __future__ import annotations
 
 import hashlib
-import io
-import itertools
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,9 +21,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from elast_cli.data.chunks import CHUNK_ROWS, copy_chunk, storage
-from elast_cli.data.safety import HDF5_ERRORS, Column, open_columns
-from elast_cli.errors import DataError
+from elast_cli.data.checks import Rows
+from elast_cli.data.chunks import CHUNK_ROWS
+from elast_cli.data.images import OpenFile, StoredImages
+from elast_cli.data.newfile import NewFile
+from elast_cli.data.safety import Column, open_columns
 
 FRAME = (64, 64, 3)
 NUMBER_CHUNK_ROWS = 4096
@@ -38,10 +37,22 @@ COLUMNS: Mapping[str, Column] = {
     "step_idx": Column(_I32),
     "action": Column(_F32, (None,)),
     "state": Column(_F32, (None,)),
-    "pixels": Column(_U8, FRAME),
-    "context": Column(_U8, (None, None, 3), required=False),
+    "pixels": Column(_U8, FRAME, lazy=True),
+    "context": Column(_U8, (None, None, 3), required=False, lazy=True),
 }
 Attributes = Mapping[str, str | int | float]
+
+
+@dataclass(frozen=True)
+class NewColumns:
+    """Columns of a new file, to be filled; call `check` after each few megabytes."""
+
+    columns: Mapping[str, h5py.Dataset]
+    file: NewFile
+
+    def check(self) -> None:
+        """Raise OSError if the disk has failed."""
+        self.file.check()
 
 
 @contextmanager
@@ -53,10 +64,10 @@ def create_columns(
     first_episode: int = 0,
     lead: int = 0,
     attrs: Attributes | None = None,
-) -> Iterator[dict[str, h5py.Dataset]]:
+) -> Iterator[NewColumns]:
     """The columns in `row_shapes` of a new file, to be filled; the index columns are full.
 
-    The file is built in memory and put on disk at the end: HDF5 itself crashes on a full disk.
+    The file goes to disk as it is filled, and is removed if that fails.
 
     Args:
         path: a name that does not exist yet.
@@ -66,28 +77,35 @@ def create_columns(
         lead: blank rows before the first one, in columns of images; 0 in a dataset.
         attrs: attributes of the file.
     """
+    disk = NewFile(path)
+    try:
+        with h5py.File(disk, "w", libver=("v110", "v110")) as file:
+            file.attrs.update(attrs or {})
+            for name, values in _index(lengths, first_episode).items():
+                _create(file, name, values.shape)[...] = values
+            rows = sum(lengths)
+            columns = {
+                name: _create(file, name, (rows + (lead if _of_images(shape) else 0), *shape))
+                for name, shape in row_shapes.items()
+            }
+            yield NewColumns(columns, disk)
+        disk.finish()
+    except BaseException:
+        disk.remove()
+        raise
+
+
+def _index(lengths: Sequence[int], first_episode: int) -> dict[str, NDArray[Any]]:
+    """The index columns of episodes of these lengths."""
     length = np.array(lengths, _I32)
     rows, number = int(length.sum()), np.arange(first_episode, first_episode + len(length))
     offset = np.cumsum(length, dtype=_I64) - length
-    index = {
+    return {
         "ep_len": length,
         "ep_offset": offset,
         "ep_idx": np.repeat(number, length),
         "step_idx": np.arange(rows) - np.repeat(offset, length),
     }
-    content = io.BytesIO()
-    with h5py.File(content, "w", libver=("v110", "v110")) as file:
-        file.attrs.update(attrs or {})
-        for name, values in index.items():
-            _create(file, name, values.shape)[...] = values
-        yield {
-            name: _create(file, name, (rows + (lead if _of_images(shape) else 0), *shape))
-            for name, shape in row_shapes.items()
-        }
-    with open(path, "xb") as disk:
-        disk.write(content.getbuffer())
-        disk.flush()
-        os.fsync(disk.fileno())
 
 
 def _create(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
@@ -112,10 +130,18 @@ def _of_images(row_shape: tuple[int, ...]) -> bool:
 
 @dataclass(frozen=True)
 class Contents:
-    """All that a file holds, found consistent; arrays as in `Dataset`."""
+    """All that a file holds, found consistent; images are read when asked for.
+
+    first_episode  number of its first episode
+    numbers        action, state, ep_len and ep_offset, as in `Dataset`
+    pixels         of each row
+    context        of each episode, or None
+    """
 
     first_episode: int
-    arrays: dict[str, NDArray[Any]]  # pixels, action, state, ep_len, ep_offset, maybe context
+    numbers: dict[str, NDArray[Any]]
+    pixels: StoredImages
+    context: StoredImages | None
 
 
 def read(path: Path) -> Contents:
@@ -124,12 +150,16 @@ def read(path: Path) -> Contents:
     Raises:
         DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
     """
-    with open_columns(path, COLUMNS) as columns:
-        rows, arrays = _read_numbers(path, columns)
-        arrays["pixels"] = rows.read(columns, "pixels")
-        if "context" in columns:
-            arrays["context"] = rows.read_firsts(columns, "context")
-        return Contents(rows.first_episode, arrays)
+    file = OpenFile(path, COLUMNS)
+    rows, numbers = _read_numbers(path, file.columns)
+    return Contents(
+        rows.first_episode,
+        numbers,
+        pixels=StoredImages(file, "pixels", rows),
+        context=StoredImages(file, "context", rows, at=rows.offset)
+        if "context" in file.columns
+        else None,
+    )
 
 
 @dataclass(frozen=True)
@@ -144,40 +174,40 @@ class Head:
 def read_head(path: Path) -> Head:
     """What a file says that it holds. Raises DataError if it is unsafe to open, or damaged."""
     with open_columns(path, COLUMNS) as columns:
-        length = columns["ep_len"][:]
-        _check_episodes(path, length, columns["ep_offset"][:], len(columns["ep_idx"]))
+        rows = Rows.of(path, columns)
         shapes = {name: column.shape[1:] for name, column in columns.items() if column.ndim > 1}
-        return Head(int(columns["ep_idx"][0]), length.tolist(), shapes)
+        return Head(rows.first_episode, rows.length.tolist(), shapes)
 
 
-def append(path: Path, out: Mapping[str, h5py.Dataset], first: int) -> None:
+def append(path: Path, out: NewColumns, first: int) -> None:
     """Copy a file's rows to the rows of `out` from `first` on; its images may have a lead.
 
     Chunks of images that are the same in both are copied as they are stored, compressed.
 
     Raises:
         DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
+        OSError: the disk has failed.
     """
     with open_columns(path, COLUMNS) as columns:
-        rows, arrays = _read_numbers(path, columns)
-        for name, target in out.items():
-            if name in arrays:
-                target[first : first + rows.count] = arrays[name]
+        rows, numbers = _read_numbers(path, columns)
+        for name, target in out.columns.items():
+            if name in numbers:
+                target[first : first + rows.count] = numbers[name]
             else:
                 rows.copy(columns, name, target, first)
+    out.check()
 
 
 def _read_numbers(
     path: Path, columns: Mapping[str, h5py.Dataset]
-) -> tuple[_Rows, dict[str, NDArray[Any]]]:
+) -> tuple[Rows, dict[str, NDArray[Any]]]:
     """Where the episodes lie, and every column but those of images, found consistent."""
-    length, offset = columns["ep_len"][:], columns["ep_offset"][:]
-    _check_episodes(path, length, offset, len(columns["ep_idx"]))
-    rows = _Rows(path, length, offset, int(columns["ep_idx"][0]))
+    rows = Rows.of(path, columns)
     rows.check_counters(columns)
     action, state = rows.read(columns, "action"), rows.read(columns, "state")
     rows.check_numbers(action, state)
-    return rows, {"ep_len": length, "ep_offset": offset, "action": action, "state": state}
+    numbers: dict[str, NDArray[Any]] = {"ep_len": rows.length, "ep_offset": rows.offset}
+    return rows, {**numbers, "action": action, "state": state}
 
 
 def column_digests(path: Path) -> dict[str, str]:
@@ -190,118 +220,3 @@ def column_digests(path: Path) -> dict[str, str]:
                 digest.update(column[start : start + CHUNK_ROWS].tobytes())
             digests[name] = digest.hexdigest()
     return digests
-
-
-def _check_episodes(
-    path: Path, length: NDArray[np.int32], offset: NDArray[np.int64], rows: int
-) -> None:
-    """Raise DataError unless the episodes lie end to end and fill all rows."""
-    if len(length) != len(offset):
-        raise DataError(f"{path}: ep_len has {len(length)} rows, ep_offset {len(offset)}")
-    end = np.cumsum(length, dtype=np.int64)
-    for fault, wrong in {
-        "has fewer than 2 rows": length < 2,
-        "does not begin where the one before it ends": offset != end - length,
-        "ends after the last row": end > rows,
-    }.items():
-        if wrong.any():
-            raise DataError(f"{path}: episode {int(wrong.argmax())} {fault}")
-    if end[-1] != rows:
-        raise DataError(f"{path}: episode {len(length) - 1} ends at row {end[-1]} of {rows}")
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Where each episode lies, to read its columns and to name it when they are wrong."""
-
-    path: Path
-    length: NDArray[np.int32]
-    offset: NDArray[np.int64]
-    first_episode: int
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return int(self.length.sum())
-
-    def read(self, columns: Mapping[str, h5py.Dataset], name: str) -> NDArray[Any]:
-        """A column of one value a row, chunk by chunk."""
-        self._check_length(columns, name)
-        column = columns[name]
-        values = np.empty(column.shape, column.dtype)
-        for start in range(0, len(column), column.chunks[0]):
-            stop = min(start + column.chunks[0], len(column))
-            with self._naming(name, start, stop):
-                values[start:stop] = column[start:stop]
-        return values
-
-    def copy(
-        self, columns: Mapping[str, h5py.Dataset], name: str, target: h5py.Dataset, first: int
-    ) -> None:
-        """Copy a column of images to the rows of `target` from `first` on, chunk by chunk."""
-        source, size = columns[name], target.chunks[0]
-        lead = len(source) - self.count
-        self._check_lead(name, lead, most=CHUNK_ROWS - 1)
-        shift = first - lead  # row r of the source is row r + shift of the target
-        aligned = shift % size == 0 and storage(source) == storage(target)
-        edges = {lead, len(source), *range(-shift % size, len(source), size)}
-        for start, stop in itertools.pairwise(sorted(edge for edge in edges if edge >= lead)):
-            with self._naming(name, start - lead, stop - lead):
-                whole = stop - start == size or stop + shift == len(target)
-                if aligned and whole and start % size == 0:
-                    copy_chunk(source, start, target, start + shift)
-                else:
-                    target[start + shift : stop + shift] = source[start:stop]
-
-    def read_firsts(self, columns: Mapping[str, h5py.Dataset], name: str) -> NDArray[Any]:
-        """The first row of every episode, of a column that is constant in each."""
-        self._check_length(columns, name)
-        return np.stack([columns[name][row] for row in self.offset])
-
-    def check_counters(self, columns: Mapping[str, h5py.Dataset]) -> None:
-        """Raise DataError unless ep_idx and step_idx count episodes and steps."""
-        episode = np.repeat(np.arange(len(self.length)), self.length)
-        expected = {
-            "ep_idx": episode + self.first_episode,
-            "step_idx": np.arange(len(episode)) - self.offset[episode],
-        }
-        for name, values in expected.items():
-            self._refuse(
-                np.not_equal(self.read(columns, name), values), f"{name} does not count up"
-            )
-
-    def check_numbers(self, action: NDArray[np.float32], state: NDArray[np.float32]) -> None:
-        """Raise DataError unless exactly each episode's last action is NaN, and states finite."""
-        last = np.zeros(len(action), bool)
-        last[self.offset + self.length - 1] = True
-        some_wild = np.any(~np.isfinite(action), axis=1)
-        some_given = np.any(~np.isnan(action), axis=1)
-        self._refuse(some_wild & ~last, "an action before the last one is not finite")
-        self._refuse(some_given & last, "the last row's action is not NaN")
-        self._refuse(np.any(~np.isfinite(state), axis=1), "a state is not finite")
-
-    @contextmanager
-    def _naming(self, name: str, start: int, stop: int) -> Iterator[None]:
-        """Turn what h5py raises for damaged data into a DataError that names column and rows."""
-        try:
-            yield
-        except HDF5_ERRORS:
-            span = f"{self._place(start)} to {self._place(stop - 1)}"
-            raise DataError(f"{self.path}: {name} is damaged in {span}") from None
-
-    def _place(self, row: int) -> str:
-        """The episode and step that a row belongs to."""
-        episode = int(np.searchsorted(self.offset, row, side="right")) - 1
-        return f"episode {episode + self.first_episode} step {row - self.offset[episode]}"
-
-    def _check_length(self, columns: Mapping[str, h5py.Dataset], name: str) -> None:
-        self._check_lead(name, len(columns[name]) - self.count, most=0)
-
-    def _check_lead(self, name: str, lead: int, *, most: int) -> None:
-        if not 0 <= lead <= most:
-            rows = self.count + lead
-            raise DataError(f"{self.path}: {name} has {rows} rows, the episodes {self.count}")
-
-    def _refuse(self, wrong: NDArray[Any], fault: str) -> None:
-        if wrong.any():
-            raise DataError(f"{self.path}: {self._place(int(wrong.argmax()))}: {fault}")

@@ -22,7 +22,8 @@ from h5py import h5d, h5l, h5o, h5z
 from elast_cli.errors import DataError
 from elast_cli.files import open_regular
 
-MAX_BYTES = 16 << 30
+MAX_BYTES = 16 << 30  # of what is read whole
+MAX_LAZY_BYTES = 16 << 40
 MAX_CHUNK_BYTES = 4 << 20
 MAX_RATIO = 300  # declared bytes a stored byte; true frames reach 6 to 110
 SPARE_BYTES = 64 << 20  # so much does no harm at any ratio
@@ -34,11 +35,23 @@ HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, EOFError,
 
 @dataclass(frozen=True)
 class Column:
-    """What a column must be: its dtype, and the shape of a row (None: any size in 1..4096)."""
+    """What a column must be.
+
+    dtype     of its values
+    row       shape of a row (None: any size in 1..4096)
+    required  whether every file has it
+    lazy      whether it is read in pieces only, so that it may be larger than memory
+    """
 
     dtype: np.dtype[np.generic]
     row: tuple[int | None, ...] = ()
     required: bool = True
+    lazy: bool = False
+
+    @property
+    def most_bytes(self) -> int:
+        """How large it may be."""
+        return MAX_LAZY_BYTES if self.lazy else MAX_BYTES
 
 
 @contextmanager
@@ -70,15 +83,16 @@ def _checked(
     if missing:
         raise ValueError(f"column {missing[0]!r} is missing")
     found = {}
-    declared = stored = 0
+    declared = stored = whole = 0
     for name in columns:
         if name in names:
             found[name] = _column(file, name, columns[name])
             declared += found[name].nbytes
+            whole += 0 if columns[name].lazy else found[name].nbytes
             stored += found[name].id.get_storage_size()
     if stored > file_bytes:
         raise ValueError("its columns overlap")
-    if declared > min(MAX_BYTES, stored * MAX_RATIO + SPARE_BYTES):
+    if whole > MAX_BYTES or declared > stored * MAX_RATIO + SPARE_BYTES:
         raise ValueError(f"it declares {declared} bytes and stores {stored}")
     return found
 
@@ -99,7 +113,7 @@ def _column(file: h5py.File, name: str, column: Column) -> h5py.Dataset:
     if data.dtype != column.dtype or data.dtype.metadata:
         raise ValueError(f"{name} has type {data.dtype}, not {column.dtype}")
     _check_shape(name, data.shape, column)
-    _check_chunks(name, data)
+    _check_chunks(name, data, column.most_bytes)
     return data
 
 
@@ -114,13 +128,13 @@ def _check_shape(name: str, shape: tuple[int, ...], column: Column) -> None:
         raise ValueError(f"{name} has shape {shape}, not ({wanted})")
 
 
-def _check_chunks(name: str, data: h5py.Dataset) -> None:
+def _check_chunks(name: str, data: h5py.Dataset, most: int) -> None:
     """Every chunk is there, small, and no longer than what it stands for."""
     chunk_bytes = math.prod(data.chunks) * data.dtype.itemsize
     if chunk_bytes > MAX_CHUNK_BYTES:
         raise ValueError(f"{name} has chunks of {chunk_bytes} bytes, more than {MAX_CHUNK_BYTES}")
-    if data.nbytes > MAX_BYTES:
-        raise ValueError(f"{name} declares {data.nbytes} bytes, more than {MAX_BYTES}")
+    if data.nbytes > most:
+        raise ValueError(f"{name} declares {data.nbytes} bytes, more than {most}")
     expected = math.prod(
         -(-size // chunk) for size, chunk in zip(data.shape, data.chunks, strict=True)
     )

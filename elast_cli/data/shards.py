@@ -78,11 +78,11 @@ class _Packed:
             raise DataError(f"{path}: a dataset of no episodes")
         with layout.create_columns(
             path, self._lengths, self._shapes, first_episode=self._numbers[0], lead=self._lead
-        ) as columns:
+        ) as out:
             for name, parts in self._vectors.items():
-                columns[name][...] = np.concatenate(parts)
+                out.columns[name][...] = np.concatenate(parts)
             for name, chunks in self._images.items():
-                chunks.write(columns[name])
+                chunks.write(out.columns[name])
 
 
 def compact(shards: Sequence[Path], out: Path, *, attrs: layout.Attributes | None = None) -> None:
@@ -101,10 +101,10 @@ def compact(shards: Sequence[Path], out: Path, *, attrs: layout.Attributes | Non
                 f"{path}: episode {len(lengths)} has rows of another shape than episode 0"
             )
         lengths += head.lengths
-    with layout.create_columns(out, lengths, heads[0].row_shapes, attrs=attrs) as columns:
+    with layout.create_columns(out, lengths, heads[0].row_shapes, attrs=attrs) as new:
         first_row = 0
         for path, head in zip(shards, heads, strict=True):
-            layout.append(path, columns, first_row)
+            layout.append(path, new, first_row)
             first_row += sum(head.lengths)
 
 

@@ -168,6 +168,18 @@ class LatentWorld:
         steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
 
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Next latent [M,Z] of H_f (or of h_f) in scenario `row`, by library products."""
+        if self._single is not None:
+            return self.step(z, action, np.full(len(z), row))[0]
+        context = np.repeat(self.context[row : row + 1], len(z), axis=0)
+        scale = self._scale
+        y = _inputs(z, scale.mean, scale.std, action, context)
+        for i, (weight, bias) in enumerate(self._ensemble.layers):
+            y = np.matmul(np.maximum(y, 0, out=y) if i else y, weight)
+            y += bias[:, None]
+        return z + y.mean(0) * scale.step
+
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""
         context = self._contexts(row)

@@ -13,7 +13,7 @@ from elast_cli.methods.sight import contexts, frame_encoder
 from elast_cli.methods.thresholds import limits, radii, step_length
 from elast_cli.models.tensors import under
 from elast_cli.planners.base import Planner
-from elast_cli.planners.shooting import ShootingPlanner
+from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import UsageError, suggestion
-from elast_cli.models.parts import closure, imported
+from elast_cli.models.parts import PARTS, closure, imported
 
 if TYPE_CHECKING:
     from elast_cli.control.base import Controller
@@ -67,7 +67,9 @@ def register(method: Method) -> None:
     """Add a row to the table. Raises ValueError if the name is taken or a part is unknown."""
     if method.name in METHODS:
         raise ValueError(f"there is a method {method.name!r} already")
-    closure(method.parts)
+    for kind in method.parts:
+        if kind not in PARTS:
+            raise ValueError(f"method {method.name!r} needs {kind!r}, which is no learned part")
     METHODS[method.name] = method
 
 

@@ -16,8 +16,10 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.files import load_model
 from elast_cli.models.latents import LatentData
+from elast_cli.models.outputs import Outputs
 from elast_cli.models.part import Setting
 from elast_cli.models.parts import CONTEXT
+from elast_cli.shapes import Float32
 
 M = TypeVar("M", bound=nn.Module)
 
@@ -29,10 +31,18 @@ class Inputs:
         dataset: random interaction data.
         folders: folder of each part made before, by kind; their files were verified.
         setting: seed and device.
+        outputs: what parts have made of the dataset before, and where that is kept.
     """
 
-    def __init__(self, dataset: Dataset, folders: Mapping[str, Path], setting: Setting) -> None:
+    def __init__(
+        self,
+        dataset: Dataset,
+        folders: Mapping[str, Path],
+        setting: Setting,
+        outputs: Outputs | None = None,
+    ) -> None:
         self.dataset, self.folders, self.setting = dataset, folders, setting
+        self.outputs = outputs
 
     def has(self, kind: str) -> bool:
         """Whether a part is among the inputs."""
@@ -56,10 +66,16 @@ class Inputs:
         if images is None:
             return torch.zeros(self.dataset.episodes, 0)
         model = self.part(CONTEXT, ContextAutoencoder)
-        return torch.from_numpy(context_vectors(model, images))
+
+        def make() -> Float32:
+            return context_vectors(model, images)
+
+        shape = self.dataset.episodes, model.config.latent_size
+        vectors = self.outputs.array(model, model.config, shape, make) if self.outputs else make()
+        return torch.from_numpy(vectors)
 
     @cached_property
     def latents(self) -> LatentData:
         """The whole dataset, encoded by φ."""
         model = self.part("encoder", Representation)
-        return encode(self.dataset, self.context, model, self.setting)
+        return encode(self.dataset, self.context, model.encoder, self.setting, outputs=self.outputs)

@@ -14,6 +14,7 @@ from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import FitConfig, Setting, Sizes
 
 VALIDATION_ROWS = 2048
+CALIBRATION_ROWS = 50_000
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ class LatentData:
     def check_rows(self) -> Tensor:
         """At most `VALIDATION_ROWS` held-out transitions, evenly spaced."""
         return self.val[:: max(1, len(self.val) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+
+    def held_out(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Held-out transitions to calibrate models on: all, or some 25,000 to 50,000 of them."""
+        return self.transitions(self.val[:: max(1, -(-len(self.val) // CALIBRATION_ROWS))])
 
 
 def fit_on_latents(

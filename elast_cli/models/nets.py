@@ -93,12 +93,12 @@ class PooledImages(nn.Module):
 
     def fit_normalization(self, features: Tensor) -> None:
         """Set the mean image, the global scale and colours from preprocessed frames [N,3,S,S]."""
-        sample = features.float()
-        self.mean.copy_(sample.mean(0))
-        change = sample - self.mean
+        change = features.float()
+        self.mean.copy_(change.mean(0))
+        change -= self.mean  # in place: a sample of frames may be a gigabyte
         self.scale.copy_(change.square().mean().sqrt().clamp_min(1e-3))
         if self.whiten:
-            self.colours.copy_(_whitening(change / self.scale))
+            self.colours.copy_(_whitening(change.div_(self.scale)))
 
     def normalized(self, features: Tensor) -> Tensor:
         """Preprocessed frames [...,3,S,S] without the mean image, of order one."""

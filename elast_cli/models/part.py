@@ -108,13 +108,17 @@ class Trained:
 
 @dataclass(frozen=True)
 class Setting:
-    """Where and how a training runs; the same for every part."""
+    """Where and how a training runs; the same for every part.
+
+    `memory_gb` bounds what a training on images takes: those that do not fit stay on disk.
+    """
 
     seed: int
     work: Path
     device: torch.device
     progress: Progress
     validation_share: float = 0.1
+    memory_gb: float = 4.0
 
 
 def stream(kind: str) -> int:

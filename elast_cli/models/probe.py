@@ -40,5 +40,10 @@ def _thin(rows: Int64, most: int) -> Int64:
     return rows[:: max(1, len(rows) // most)][:most]
 
 
+def thinned(rows: Int64, most: int) -> Int64:
+    """All of some rows, or at most `most` of them, evenly spaced."""
+    return rows[:: max(1, -(-len(rows) // most))]
+
+
 def _rmse(predicted: np.ndarray, truth: np.ndarray) -> float:
     return float(np.sqrt(np.square(predicted - truth).mean()))

@@ -125,6 +125,13 @@ class World(Protocol):
         """Next latent [M,Z] of H_f and its variance [M]."""
         ...
 
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Next latent [M,Z] in scenario `row` of H_f: cheap, and good for slopes.
+
+        Items of one call may share bits of rounding; equal calls give equal results.
+        """
+        ...
+
     def features(self, z: Float32, row: Int64) -> Float32:
         """What `log_density` needs to know of a node, computed once per node: [M,E]."""
         ...

@@ -35,7 +35,7 @@ from elast_cli.store.store import Store
 if TYPE_CHECKING:
     from elast_cli.methods.explain import Explanation
 
-ALGORITHM_VERSION = 8
+ALGORITHM_VERSION = 9
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
 METRICS = ("reached", "steps", "nodes", "seconds", "repeatable")

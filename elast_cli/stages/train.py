@@ -59,6 +59,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     from elast_cli.models.files import save_model
     from elast_cli.models.fit import write_metrics
     from elast_cli.models.inputs import Inputs
+    from elast_cli.models.outputs import Outputs
     from elast_cli.models.part import Setting
     from elast_cli.models.precision import resolved
 
@@ -74,7 +75,8 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     part = part_named(kind)
     with _disk_errors():
         section = job.config.section(kind, part.section)
-        trained = part.train(Inputs(dataset, folders, setting), section, setting)
+        outputs = Outputs(job.store.cache, job.store.digest(inputs[DATASET]))
+        trained = part.train(Inputs(dataset, folders, setting, outputs), section, setting)
         save_model(run.staging, trained)
         write_metrics(trained.curve, run.staging)
     if shown := trained.reconstructions:

@@ -5,6 +5,7 @@
         .runs/<recipe digest>/             what an interrupted run resumes from
         .staging/<recipe digest>.<uuid>/   files on their way to be published
         .locks/                            one lock per recipe and per kind
+        .cache/                            what was computed from artifacts, to be found again
 
 A stage uses it in one way:
 
@@ -78,6 +79,11 @@ class Store:
     def root(self, kind: str) -> Path:
         """The folder of all environments' artifacts of a kind."""
         return self.home / ("data" if kind == "dataset" else "artifacts")
+
+    @property
+    def cache(self) -> Path:
+        """The folder of what was computed from artifacts and can be computed anew at any time."""
+        return self.root("other") / ".cache"
 
     def path(self, ref: Ref) -> Path:
         """Where the artifact is, or would be."""
@@ -226,7 +232,9 @@ class Store:
         return LineageNode(ref, "", visit(ref, (ref,)))
 
     def gc(self) -> list[Path]:
-        """Remove what interrupted runs left, except where a run is in progress: what is gone.
+        """Remove what interrupted runs left, and the cache: what is gone.
+
+        What a run in progress uses is not removed.
 
         Only what has the form of elast's own leftovers is removed, and no link is followed.
 
@@ -235,8 +243,14 @@ class Store:
         """
         roots = (self.root("dataset"), self.root("other"))
         for root in roots:
-            refuse_links(root / ".staging", root / ".runs", root / LOCKS)
-        return [path for root in roots for path in self._collected(root)]
+            refuse_links(root / ".staging", root / ".runs", root / LOCKS, root / self.cache.name)
+        cached = [
+            path for path in sorted(self.cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))
+        ]
+        with storage_errors():
+            for path in cached:
+                path.unlink(missing_ok=True)
+        return cached + [path for root in roots for path in self._collected(root)]
 
     def _collected(self, root: Path) -> list[Path]:
         """Remove the leftovers below one root: what is gone."""

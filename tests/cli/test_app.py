@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli.cli import app as cli
-from elast_cli.envs.registry import ENVS
+from elast_cli.envs.registry import ENVS, task_info
 from elast_cli.errors import ElastError
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
@@ -320,11 +320,13 @@ def test_eval_takes_the_environments_that_have_the_level(
     words = ["eval", "--methods", "random", "--dry-run", "--json", "--quiet"]
     assert cli.run([*words, "--level", "hard"]) == 0
     envs = {row["env"] for row in json.loads(capsys.readouterr().out)}
-    assert envs == {name for name, entry in ENVS.items() if "hard" in entry.levels}
+    assert envs == {name for name in ENVS if "hard" in task_info(name).levels}
     assert 0 < len(envs) < len(ENVS)
     fails(capsys, 2, [*words, "--level", "hard,hrad"], "'hrad'", "did you mean 'hard'", "medium")
     other = next(name for name in ENVS if name not in envs)
-    fails(capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *ENVS[other].levels)
+    fails(
+        capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *task_info(other).levels
+    )
 
 
 @pytest.mark.usefixtures("home")

@@ -14,19 +14,19 @@ from typing import Any
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from torch import nn
 
+from elast_cli.config import read_yaml
 from elast_cli.errors import DataError, MissingInputError
 from elast_cli.models import files as io
 from elast_cli.models.files import load_model, save_model
 from elast_cli.models.fit import round_weights
-from tests.toys.models import KINDS, SIZES, models
+from tests.toys.models import KINDS, models, trained
 
 
 @pytest.fixture
 def saved(tmp_path: Path) -> Path:
     """A folder with a density in it."""
-    save_model(tmp_path, models()["density"], sizes=SIZES)
+    save_model(tmp_path, trained(models()["density"]))
     return tmp_path
 
 
@@ -34,7 +34,7 @@ def saved(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
 def test_a_model_comes_back_the_same(tmp_path: Path, kind: str, architecture: str) -> None:
     model = models(architecture=architecture)[kind]
-    save_model(tmp_path, model, sizes=SIZES)
+    save_model(tmp_path, trained(model))
     again = load_model(tmp_path, kind)
     assert type(again) is type(model)
     assert not again.training
@@ -51,8 +51,8 @@ def test_the_same_weights_are_the_same_bytes(tmp_path: Path, kind: str) -> None:
     folders = [tmp_path / name for name in "ab"]
     for folder in folders:
         folder.mkdir()
-        save_model(folder, models()[kind], sizes=SIZES)
-    for file in (io.WEIGHTS, io.SIZES):
+        save_model(folder, trained(models()[kind]))
+    for file in (io.WEIGHTS, io.SPEC):
         first, second = ((folder / file).read_bytes() for folder in folders)
         assert first == second
 
@@ -62,9 +62,9 @@ def test_rounded_weights_take_half_the_bytes_and_come_back_the_same(tmp_path: Pa
     exact, rounded = tmp_path / "exact", tmp_path / "rounded"
     exact.mkdir()
     rounded.mkdir()
-    save_model(exact, model, sizes=SIZES)
+    save_model(exact, trained(model))
     round_weights(model)
-    save_model(rounded, model, sizes=SIZES)
+    save_model(rounded, trained(model))
     names = {name for name, _ in model.named_parameters()}
     stored, before = load_file(rounded / io.WEIGHTS), load_file(exact / io.WEIGHTS)
     assert {stored[name].dtype for name in names} == {torch.bfloat16}
@@ -76,16 +76,12 @@ def test_rounded_weights_take_half_the_bytes_and_come_back_the_same(tmp_path: Pa
         torch.testing.assert_close(tensor, before[name].to(tensor.dtype), rtol=2**-8, atol=0)
 
 
-def test_only_artifacts_can_be_saved(tmp_path: Path) -> None:
-    with pytest.raises(TypeError, match="Linear"):
-        save_model(tmp_path, nn.Linear(1, 1), sizes=SIZES)
-
-
-def test_only_a_context_is_saved_without_sizes(tmp_path: Path) -> None:
-    with pytest.raises(TypeError, match="LocalPolicy"):
-        save_model(tmp_path, models()["policy"], sizes=None)
-    save_model(tmp_path, models()["context"], sizes=None)
-    load_model(tmp_path, "context")
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_stands_beside_the_weights_is_the_spec_alone(tmp_path: Path, kind: str) -> None:
+    part = trained(models()[kind])
+    save_model(tmp_path, part)
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([io.WEIGHTS, io.SPEC])
+    assert read_yaml(tmp_path / io.SPEC) == part.spec.model_dump(mode="json")
 
 
 class Bomb:
@@ -203,17 +199,17 @@ def test_weights_that_do_not_fit_are_refused(
         load_model(saved, "density")
 
 
-SIZES_FILES = {
+SPEC_FILES = {
     "an unknown key": ("\nrun: os.system", "run: unknown key"),
     "an unknown key in a section": ("\nnet: {widht: 3}", "model.yaml"),
     "a python tag": ("\nx: !!python/object/apply:os.mkdir [owned]", "tags are not allowed"),
 }
 
 
-@pytest.mark.parametrize("case", SIZES_FILES)
-def test_a_hostile_sizes_file_is_refused(saved: Path, case: str) -> None:
-    added, why = SIZES_FILES[case]
-    path = saved / io.SIZES
+@pytest.mark.parametrize("case", SPEC_FILES)
+def test_a_hostile_spec_file_is_refused(saved: Path, case: str) -> None:
+    added, why = SPEC_FILES[case]
+    path = saved / io.SPEC
     path.write_text(path.read_text() + added)
     with pytest.raises(DataError, match=why):
         load_model(saved, "density")
@@ -241,18 +237,18 @@ def test_a_hostile_sizes_file_is_refused(saved: Path, case: str) -> None:
 def test_sizes_out_of_bounds_are_refused_before_anything_is_built(
     tmp_path: Path, kind: str, key: str, value: str
 ) -> None:
-    save_model(tmp_path, models()[kind], sizes=SIZES)
-    path = tmp_path / io.SIZES
+    save_model(tmp_path, trained(models()[kind]))
+    path = tmp_path / io.SPEC
     assert key in path.read_text()
     path.write_text(path.read_text().replace(key, value))
     began = time.monotonic()
-    with pytest.raises(DataError, match=io.SIZES):
+    with pytest.raises(DataError, match=io.SPEC):
         load_model(tmp_path, kind)
     assert time.monotonic() - began < 1
 
 
 def test_larger_sizes_than_the_weights_cost_no_memory(saved: Path) -> None:
-    path = saved / io.SIZES
+    path = saved / io.SPEC
     path.write_text(path.read_text().replace("width: 16", "width: 65536"))  # 17 GB if it were real
     began = time.monotonic()
     with pytest.raises(DataError, match=r"expected torch.float32 \[65536"):
@@ -265,7 +261,7 @@ def test_a_model_of_another_kind_is_refused(saved: Path) -> None:
         load_model(saved, "policy")
 
 
-def test_missing_sizes_are_a_missing_input(saved: Path) -> None:
-    (saved / io.SIZES).unlink()
-    with pytest.raises(MissingInputError, match=io.SIZES):
+def test_a_missing_spec_is_a_missing_input(saved: Path) -> None:
+    (saved / io.SPEC).unlink()
+    with pytest.raises(MissingInputError, match=io.SPEC):
         load_model(saved, "density")

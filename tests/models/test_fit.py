@@ -15,8 +15,9 @@ import torch
 from torch import Tensor, nn
 
 from elast_cli.errors import DataError
-from elast_cli.models.fit import CHECKPOINT, METRICS, fit, write_metrics
-from elast_cli.models.part import FitConfig
+from elast_cli.models.checkpoint import CHECKPOINT
+from elast_cli.models.fit import METRICS, fit, write_metrics
+from elast_cli.models.part import FitConfig, Setting
 from elast_cli.progress import Silent
 
 CONFIG = FitConfig(
@@ -41,7 +42,7 @@ def train(
     die_at: int = -1,
     end: Callable[[], None] | None = None,
     seed: int = 0,
-    stage: int = 1,
+    kind: str = "toy",
     progress: Any = None,
 ) -> list[dict[str, float]]:
     """Learn the sum of two numbers; call `end` (a kill) instead of drawing batch `die_at`."""
@@ -63,17 +64,10 @@ def train(
         x = torch.eye(2)
         return {"mse": float((net(x)[:, 0] - x.sum(1)).square().mean())}
 
-    return fit(
-        net,
-        loss,
-        config=config,
-        seed=seed,
-        stage=stage,
-        label="toy",
-        work=work,
-        validate=validate,
-        progress=progress or Silent(),
+    setting = Setting(
+        seed=seed, work=work, device=torch.device("cpu"), progress=progress or Silent()
     )
+    return fit(kind, net, loss, validate, config=config, setting=setting)
 
 
 def assert_same(one: nn.Module, other: nn.Module) -> None:
@@ -166,12 +160,12 @@ def test_training_learns_and_reports_every_so_often(tmp_path: Path) -> None:
     assert rows[-1]["val_mse"] < 0.2
 
 
-@pytest.mark.parametrize("change", [{"seed": 1}, {"stage": 2}])
-def test_another_seed_or_stage_sees_other_batches(tmp_path: Path, change: dict[str, int]) -> None:
+@pytest.mark.parametrize("change", [{"seed": 1}, {"kind": "other"}])
+def test_another_seed_or_part_sees_other_batches(tmp_path: Path, change: dict[str, Any]) -> None:
     (tmp_path / "other").mkdir()
     one, other = model(), model()
     train(one, tmp_path)
-    train(other, tmp_path / "other", **change)  # type: ignore[arg-type]  # both are numbers
+    train(other, tmp_path / "other", **change)
     assert not torch.equal(next(one.parameters()), next(other.parameters()))
 
 

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from elast_cli import preset
 from elast_cli.config import JsonDict
 from elast_cli.control.collection import collect_episode
 from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import column_digests
 from elast_cli.data.shards import shard_path
-from elast_cli.envs.registry import ENVS, make
+from elast_cli.envs.block.param import BlockParam
 from elast_cli.errors import DataError, MissingInputError, UnavailableError, UsageError
+from elast_cli.models.parts import kinds
 from elast_cli.progress import Silent
-from elast_cli.stages import collect, train
-from elast_cli.stages.job import Job, Step, resolve_device
-from elast_cli.stages.resolve import ROLES, has_context, needs, resolve
+from elast_cli.stages import collect, presets, train
+from elast_cli.stages.job import Job, RecipeJob, resolve_device
+from elast_cli.stages.resolve import needs, resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 from elast_cli.store.store import Store
@@ -37,7 +37,7 @@ class Notes(Silent):
 
 @pytest.fixture
 def job(home: Path) -> Job:
-    config = preset.load("quick", ENV, ["collect.n=60", "collect.episode_steps=10"])
+    config = presets.load("quick", ENV, ["collect.n=60", "collect.episode_steps=10"])
     return Job(store=Store(home), env=ENV, preset="quick", config=config)
 
 
@@ -49,7 +49,7 @@ def publish(job: Job, kind: str, inputs: Mapping[str, Ref], *, mark: int = 0) ->
         return {}
 
     recipe = job.recipe(kind, {"mark": mark}, inputs, algorithm_version=1)
-    return Step(job, recipe, inputs, make).carry_out()
+    return RecipeJob(job, recipe, inputs, make).carry_out()
 
 
 def lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
@@ -138,7 +138,7 @@ def test_given_artifacts_of_two_lineages_are_refused_with_both_digests(job: Job)
 
 def test_a_ref_of_another_kind_is_a_usage_error(job: Job) -> None:
     refs = lineage(job)
-    with pytest.raises(UsageError, match="--encoder block-s/policy/v1: that is a policy"):
+    with pytest.raises(UsageError, match="--encoder block-s/policy/v1: its kind is policy"):
         resolve(replace(job, given={"encoder": refs["policy"]}), ("encoder",))
 
 
@@ -160,27 +160,24 @@ PARAM = "block-param"
 @pytest.fixture
 def param_job(job: Job) -> Job:
     """A job in an environment whose obstacles change with the episode."""
-    return replace(job, env=PARAM, config=preset.load("quick", PARAM))
+    return replace(job, env=PARAM, config=presets.load("quick", PARAM))
 
 
 def param_lineage(job: Job, *, mark: int = 0) -> dict[str, Ref]:
     """A whole chain of stand-ins with contexts."""
     made: dict[str, Ref] = {}
-    for role in ROLES:
-        inputs = {need: made[need] for need in needs(job.env, role)}
+    for role in kinds():
+        inputs = {need: made[need] for need in needs(job, role)}
         made[role] = publish(job, role, inputs, mark=mark if role == "dataset" else 0)
     return made
 
 
-@pytest.mark.parametrize("env", ENVS)
-def test_an_environment_is_known_to_have_contexts_if_it_shows_them(env: str) -> None:
-    assert has_context(env) == (make(env).context is not None)
-
-
-@pytest.mark.parametrize("role", ROLES)
-def test_every_learned_part_is_made_from_the_context_where_there_is_one(role: str) -> None:
-    assert ("context" in needs(PARAM, role)) == (role not in ("dataset", "context"))
-    assert "context" not in needs(ENV, role)
+@pytest.mark.parametrize("role", kinds())
+def test_every_learned_part_is_made_from_the_context_where_there_is_one(
+    job: Job, param_job: Job, role: str
+) -> None:
+    assert ("context" in needs(param_job, role)) == (role not in ("dataset", "context"))
+    assert "context" not in needs(job, role)
 
 
 def test_the_context_is_found_with_its_lineage_and_dropped_where_there_is_none(
@@ -196,14 +193,14 @@ def test_the_context_is_found_with_its_lineage_and_dropped_where_there_is_none(
 
 def test_a_missing_context_is_named_with_its_command(param_job: Job) -> None:
     with pytest.raises(MissingInputError, match="run: elast collect --env block-param"):
-        train.step(param_job, "context")
+        train.recipe_job(param_job, "context")
     dataset = publish(param_job, "dataset", {})
     command = "run: elast train-context --env block-param --preset quick"
     with pytest.raises(MissingInputError, match=f"no context for block-param.*{command}$"):
-        train.step(param_job, "encoder")
+        train.recipe_job(param_job, "encoder")
     given = replace(param_job, given={"dataset": dataset})
     with pytest.raises(MissingInputError, match=f"{command} --dataset {dataset}$"):
-        train.step(given, "encoder")
+        train.recipe_job(given, "encoder")
 
 
 def test_a_context_of_another_lineage_is_refused(param_job: Job) -> None:
@@ -217,30 +214,30 @@ def test_a_context_of_another_lineage_is_refused(param_job: Job) -> None:
 def test_an_environment_without_contexts_refuses_them(job: Job) -> None:
     words = "block-s has no contexts.*run: elast train-encoder --env block-s"
     with pytest.raises(UsageError, match=words):
-        train.step(job, "context")
+        train.recipe_job(job, "context")
     given = replace(job, given={"context": Ref(ENV, "context", 1)})
     with pytest.raises(UsageError, match=words):
-        train.step(given, "encoder")
+        train.recipe_job(given, "encoder")
 
 
 def test_a_dataset_without_the_contexts_of_its_environment_is_refused(
     param_job: Job, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = "collect.n=60", "collect.episode_steps=10"
-    ready = replace(param_job, config=preset.load("quick", PARAM, words))
+    ready = replace(param_job, config=presets.load("quick", PARAM, words))
     with monkeypatch.context() as patch:
-        patch.setattr(ENVS[PARAM].env_class, "context", None)
-        collect.step(ready).carry_out()
-    step = train.step(ready, "context")
+        patch.setattr(BlockParam, "context", None)
+        collect.recipe_job(ready).carry_out()
+    wanted = train.recipe_job(ready, "context")
     with pytest.raises(DataError, match=r"block-param/dataset/v1: .* elast collect .* --force"):
-        step.carry_out()
+        wanted.carry_out()
 
 
 # --- collect -------------------------------------------------------------------------------------
 
 
 def dataset_of(job: Job) -> tuple[Ref, dict[str, str]]:
-    ref = collect.step(job).carry_out()
+    ref = collect.recipe_job(job).carry_out()
     return ref, column_digests(job.store.file(ref, collect.DATASET_FILE))
 
 
@@ -248,7 +245,7 @@ def test_any_number_of_workers_collects_the_same(
     job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(collect, "SHARD_ROWS", 300)  # 14 episodes, whose end is no chunk's end
-    config = preset.load("quick", ENV, ["collect.n=900", "collect.episode_steps=20"])
+    config = presets.load("quick", ENV, ["collect.n=900", "collect.episode_steps=20"])
     digests = []
     for workers in (1, 2):
         store = Store(tmp_path / f"with-{workers}")
@@ -317,18 +314,18 @@ def interrupt(*_: object, **__: object) -> None:
 
 
 def test_damaged_episodes_are_named_and_fresh_forgets_them(job: Job) -> None:
-    step = collect.step(replace(job, fresh=True))
-    with job.store.begin(step.recipe, parents={}) as run:
+    wanted = collect.recipe_job(replace(job, fresh=True))
+    with job.store.begin(wanted.recipe, parents={}) as run:
         shard_path(run.work, 0).write_text("left by a broken disk")
     with pytest.raises(DataError, match=r"episodes-0000000\.h5: .*--fresh"):
-        collect.step(job).carry_out()
-    ref = step.carry_out()
+        collect.recipe_job(job).carry_out()
+    ref = wanted.carry_out()
     assert job.store.manifest(ref).metrics["episodes"] == 6
 
 
 def test_threads_and_device_are_no_part_of_a_dataset(job: Job) -> None:
-    first = collect.step(job).carry_out()
-    assert collect.step(replace(job, threads=2, workers=2)).carry_out() == first
+    first = collect.recipe_job(job).carry_out()
+    assert collect.recipe_job(replace(job, threads=2, workers=2)).carry_out() == first
 
 
 @pytest.mark.parametrize(("word", "error"), [("tpu", UsageError), ("cuda", UnavailableError)])

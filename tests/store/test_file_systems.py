@@ -18,8 +18,8 @@ from elast_cli.store.store import Store
 RECIPE = Recipe(kind="dataset", env="block-s", seed=0, preset="quick", config={})
 
 
-def publish(store: Store, recipe: Recipe = RECIPE, **options: bool) -> Ref:
-    with store.begin(recipe, parents={}, **options) as run:
+def publish(store: Store, recipe: Recipe = RECIPE) -> Ref:
+    with store.begin(recipe, parents={}) as run:
         if run.published:
             return run.published
         (run.staging / "content.bin").write_bytes(b"content")

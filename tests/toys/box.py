@@ -45,6 +45,10 @@ class Box:
         z_next = z + np.float32(REACH) * action + self.drift(self.context[row, 0])
         return z_next, (np.abs(z_next[:, 0]) - 1).clip(0).astype(np.float32)
 
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """The same for one scenario."""
+        return self.step(z, action, np.full(len(z), row))[0]
+
     def features(self, z: Float32, row: Int64) -> Float32:
         return np.concatenate([z, self.context[row]], axis=1)
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from elast_cli.config import StrictModel
 from elast_cli.models.context.config import ContextConfig
-from elast_cli.models.context.net import ContextAutoencoder
+from elast_cli.models.context.net import ContextAutoencoder, ContextSpec
 from elast_cli.models.density.config import DensityConfig
-from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.density.net import DensitySpec, TransitionDensity
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
-from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.encoder.cpc import EncoderSpec, Representation
 from elast_cli.models.ensemble.config import EnsembleConfig
-from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.ensemble.support import EnsembleSpec, SupportedDynamics
 from elast_cli.models.nets import LatentScale
-from elast_cli.models.part import Sizes
+from elast_cli.models.part import Sizes, Trained
 from elast_cli.models.policy.config import PolicyConfig
-from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.policy.net import LocalPolicy, PolicySpec
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
@@ -56,3 +57,24 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
         if isinstance(module, LatentScale):
             module.fit(z, z + 0.3 * torch.randn_like(z))
     return {name: model.requires_grad_(False).eval() for name, model in found.items()}
+
+
+def trained(model: nn.Module, sizes: Sizes = SIZES) -> Trained:
+    """A model as its training hands it on, with what is stored beside its weights."""
+    return Trained(model, spec_of(model, sizes), curve=[], metrics={})
+
+
+def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """What a model can be built from again."""
+    match model:
+        case ContextAutoencoder():
+            return ContextSpec(net=model.config)
+        case Representation():
+            return EncoderSpec(sizes=sizes, net=model.encoder.config, cpc=model.cpc)
+        case SupportedDynamics():
+            return EnsembleSpec(sizes=sizes, net=model.config)
+        case TransitionDensity():
+            return DensitySpec(sizes=sizes, net=model.config)
+        case LocalPolicy():
+            return PolicySpec(sizes=sizes, net=model.config)
+    raise TypeError(f"a {type(model).__name__} is no part")

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from elast_cli.data.images import Images, blocks
 from elast_cli.models.context.config import ContextConfig
 from elast_cli.models.nets import PooledImages
 from elast_cli.shapes import Float32, Uint8
@@ -74,10 +75,13 @@ def reconstruction_error(model: ContextAutoencoder, features: Tensor) -> Tensor:
 
 
 @torch.inference_mode()
-def context_vectors(model: ContextAutoencoder, images: Uint8) -> Float32:
+def context_vectors(model: ContextAutoencoder, images: Images) -> Float32:
     """Context vectors [N,C] of raw images u8 [N,64,64,3]; a row depends on its image alone."""
-    pixels = torch.from_numpy(images).to(model.mean.device)
-    rows = [model(model.preprocess(image)) for image in pixels.split(1)]
+    rows = [
+        model(model.preprocess(image))
+        for _, block in blocks(images)
+        for image in torch.from_numpy(block).to(model.mean.device).split(1)
+    ]
     return torch.cat(rows).cpu().numpy()
 
 

@@ -65,7 +65,7 @@ class Noise:
         if self.neighbours is None:
             return gaussian
         which = rng.integers(self.neighbours.shape[1], size=(self.near, len(rows)))
-        near = self.z[self.neighbours[rows, torch.from_numpy(which).to(rows.device)]]
+        near = self.z[self.neighbours[rows, torch.from_numpy(which).to(rows.device)].long()]
         half = self.near // 2
         move = rng.standard_normal((half, *near.shape[1:]), dtype=np.float32)
         move *= np.float32(FINEST) ** rng.random((half, len(rows), 1), dtype=np.float32)
@@ -188,17 +188,18 @@ class OtherContexts:
 
 
 def _neighbours(z: Tensor, train: Tensor, radius: float, rng: np.random.Generator) -> Tensor:
-    """For each latent [N,Z] the rows [N,K] of random ones of `train` within `radius` of it."""
-    found = []
-    for part in z.split(PART):
-        pick: Int64 = rng.choice(len(train), min(POOL, len(train)), replace=False)
+    """For each latent [N,Z] the rows i32 [N,K] of random ones of `train` within `radius` of it."""
+    size = min(POOL, len(train))
+    kept = min(KEPT, size)
+    found = torch.empty(len(z), kept, dtype=torch.int32, device=z.device)
+    for part, filled in zip(z.split(PART), found.split(PART), strict=True):
+        pick: Int64 = rng.choice(len(train), size, replace=False)
         pool = train[torch.from_numpy(pick).to(train.device)]
-        kept = min(KEPT, len(pool))
         gap = torch.cdist(part, z[pool])
         order = torch.from_numpy(rng.random((len(part), len(pool)), dtype=np.float32)).to(gap)
         gap = torch.where(gap <= radius, order * radius, gap)  # within it in random order
         nearest, index = gap.topk(kept, largest=False)
         inside = (nearest <= radius).sum(1, keepdim=True).clamp_min(min(FEWEST, kept))
         place = torch.arange(kept, device=z.device) % inside  # too few: the same ones again
-        found.append(pool[index.gather(1, place)])
-    return torch.cat(found)
+        filled.copy_(pool[index.gather(1, place)])
+    return found

@@ -98,7 +98,7 @@ def train_density(
         "density", psi, data, loss, validate, config=section.fit, setting=setting
     )
     with torch.no_grad():
-        z, _, context, z_next = data.transitions(data.val)
+        z, _, context, z_next = data.held_out()
         psi.log_density_quantiles.fit(psi(z, z_next, context))
     metrics = {f"val_{name}": curve[-1][f"val_{name}"] for name in ("nce", "balanced_accuracy")}
     return Trained(psi, DensitySpec(sizes=data.sizes, net=section.net), curve, metrics)

@@ -1,4 +1,4 @@
-"""Which windows of the data make a batch for φ: random ones, or lookalikes."""
+"""Which windows of the data make a batch for φ: random ones, or hard negatives."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Starts:
         return self.rows[rng.integers(len(self.rows), size=size)]
 
 
-class Lookalikes:
-    """Groups of windows that end in states which φ, as far as it has come, hardly tells apart.
+class HardNegatives:
+    """Groups of windows that end in states which φ, at this point of training, hardly tells apart.
 
     Where all windows of a batch are drawn at random, telling them apart asks for little: where a
     cable's head is says which of 256 cables it is, and φ learns little about the rest of it.
-    Lookalikes are negatives that ask for just what φ still confuses.
+    Such groups are negatives that ask for just what φ still confuses.
 
     The groups are searched for anew every `refresh` batches.
 

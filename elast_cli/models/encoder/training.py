@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -11,23 +13,32 @@ from elast_cli.errors import DataError
 from elast_cli.models.encoder.config import EncoderSection, EncoderSpec
 from elast_cli.models.encoder.cpc import Representation, cpc_loss
 from elast_cli.models.encoder.encode import encode, latents
-from elast_cli.models.encoder.hard_negatives import Lookalikes, Starts
+from elast_cli.models.encoder.hard_negatives import HardNegatives, Starts
 from elast_cli.models.encoder.windows import FrameWindows, frame_features
 from elast_cli.models.fit import fit
 from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import VALIDATION_ROWS, LatentData
-from elast_cli.models.part import Setting, Sizes, Trained, seed_torch, stream
+from elast_cli.models.outputs import Outputs
+from elast_cli.models.part import Setting, Trained, seed_torch, stream
 from elast_cli.models.probe import probe_state
 from elast_cli.seeding import generator
+from elast_cli.shapes import Int64
+
+NORMALIZED = 4096  # states whose frames the normalisation is fitted to
 
 
 def train(inputs: Inputs, section: EncoderSection, setting: Setting) -> Trained:
     """φ and h_f, trained on frames."""
-    return train_encoder(inputs.dataset, inputs.context, section, setting)
+    return train_encoder(inputs.dataset, inputs.context, section, setting, outputs=inputs.outputs)
 
 
 def train_encoder(
-    dataset: Dataset, context: Tensor, section: EncoderSection, setting: Setting
+    dataset: Dataset,
+    context: Tensor,
+    section: EncoderSection,
+    setting: Setting,
+    *,
+    outputs: Outputs | None = None,
 ) -> Trained:
     """Train φ and h_f on Eq. 4, then measure the latents: step lengths, probes of the true state.
 
@@ -35,7 +46,8 @@ def train_encoder(
         dataset: random interaction data.
         context: context vector of each episode [E,C].
         section: configuration.
-        setting: seed, device, folder.
+        setting: seed, device, folder, memory.
+        outputs: where the latents are kept for the other parts.
 
     Raises:
         DataError: the episodes are too short for the horizon.
@@ -44,59 +56,89 @@ def train_encoder(
     action_size = dataset.action.shape[1]
     model = Representation(section.net, section.cpc, action_size, context.shape[1])
     model.to(setting.device)
-    train, val = dataset.split(setting.validation_share, setting.seed)
-    features = frame_features(dataset, model.encoder).to(setting.device)
+    features = frame_features(dataset, model.encoder, setting)
     windows = FrameWindows(dataset, features, context.to(setting.device))
-    horizon = section.cpc.horizon
+    objective = _objective(dataset, model, windows, section, setting)
+    curve = fit(
+        "encoder", model, objective.loss, objective.validate, config=section.fit, setting=setting
+    )
+    data = encode(dataset, context, model.encoder, setting, windows=windows, outputs=outputs)
+    z, z_next = data.z[data.train], data.z[data.train + 1]
+    model.scale.fit(z, z_next)
+    model.step_length_quantiles.fit((z_next - z).norm(dim=1))
+    spec = EncoderSpec(sizes=data.sizes, net=section.net, cpc=section.cpc)
+    return Trained(model, spec, curve, _encoder_metrics(model, data, dataset, curve))
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The objective of φ and h_f (Eq. 4) on windows of the data.
+
+    Attributes:
+        model: φ and h_f.
+        windows: of the dataset.
+        batches: which windows make a batch.
+        check: first rows of held-out windows [M].
+        section: configuration.
+    """
+
+    model: Representation
+    windows: FrameWindows
+    batches: Starts | HardNegatives
+    check: Int64
+    section: EncoderSection
+
+    def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss of a batch and its parts."""
+        cpc = self.section.cpc
+        rows = self.batches.batch(rng, self.section.fit.batch_size)
+        still = rng.random((len(rows), cpc.horizon + 1)) < cpc.still_share
+        return cpc_loss(self.model, *self.windows.window(rows, cpc.horizon, still), cpc)
+
+    def validate(self) -> dict[str, float]:
+        """Mean parts of the loss on held-out windows."""
+        cpc, parts = self.section.cpc, max(1, len(self.check) // self.section.fit.batch_size)
+        found = [
+            cpc_loss(self.model, *self.windows.window(rows, cpc.horizon), cpc)[1]
+            for rows in np.array_split(self.check, parts)
+        ]
+        return {k: float(torch.stack([p[k] for p in found]).mean()) for k in found[0]}
+
+
+def _objective(
+    dataset: Dataset,
+    model: Representation,
+    windows: FrameWindows,
+    section: EncoderSection,
+    setting: Setting,
+) -> Objective:
+    """What φ is trained on, once its images are normalised by those for training."""
+    train, val = dataset.split(setting.validation_share, setting.seed)
+    cpc, horizon = section.cpc, section.cpc.horizon
     starts, held_out = dataset.starts(train, horizon), dataset.starts(val, horizon)
     if not (len(starts) and len(held_out)):
         raise DataError(
             f"no episode is longer than encoder.cpc.horizon, {horizon} steps; collect longer ones "
             "(--set collect.episode_steps=50)"
         )
-    sample = generator("train", setting.seed, stream("encoder")).choice(starts, 4096)
+    sample = generator("train", setting.seed, stream("encoder")).choice(starts, NORMALIZED)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
-    check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
-    batches: Starts | Lookalikes = Starts(starts)
-    if section.cpc.lookalikes > 1:
-        batches = Lookalikes(
+    batches: Starts | HardNegatives = Starts(starts)
+    if cpc.lookalikes > 1:
+        batches = HardNegatives(
             starts,
-            lambda rows: latents(model, windows, rows + horizon).cpu().numpy(),
-            group=section.cpc.lookalikes,
-            refresh=section.cpc.refresh,
+            lambda rows: latents(model.encoder, windows, rows + horizon).cpu().numpy(),
+            group=cpc.lookalikes,
+            refresh=cpc.refresh,
         )
-
-    def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
-        rows = batches.batch(rng, section.fit.batch_size)
-        still = rng.random((len(rows), horizon + 1)) < section.cpc.still_share
-        return cpc_loss(model, *windows.window(rows, horizon, still), section.cpc)
-
-    def validate() -> dict[str, float]:
-        parts = [
-            cpc_loss(model, *windows.window(rows, horizon), section.cpc)[1]
-            for rows in np.array_split(check, max(1, len(check) // section.fit.batch_size))
-        ]
-        return {k: float(torch.stack([p[k] for p in parts]).mean()) for k in parts[0]}
-
-    curve = fit("encoder", model, loss, validate, config=section.fit, setting=setting)
-    data = encode(dataset, context, model, setting)
-    z, z_next = data.z[data.train], data.z[data.train + 1]
-    model.scale.fit(z, z_next)
-    model.step_length_quantiles.fit((z_next - z).norm(dim=1))
-    sizes = Sizes(
-        latent=section.net.latent_size,
-        action=action_size,
-        context=context.shape[1],
-        state=dataset.state.shape[1],
-    )
-    spec = EncoderSpec(sizes=sizes, net=section.net, cpc=section.cpc)
-    return Trained(model, spec, curve, _encoder_metrics(model, data, dataset, curve))
+    check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+    return Objective(model, windows, batches, check, section)
 
 
 def _encoder_metrics(
     model: Representation, data: LatentData, dataset: Dataset, curve: list[dict[str, float]]
 ) -> dict[str, float]:
-    z, action, context, z_next = data.transitions(data.val)
+    z, action, context, z_next = data.held_out()
     with torch.no_grad():
         error = (model.dynamics(z, action, context) - z_next).norm(dim=1)
     probes = probe_state(

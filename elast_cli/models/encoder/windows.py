@@ -2,32 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from elast_cli.data.dataset import Dataset
+from elast_cli.data.images import blocks
 from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.frames import Frames, collected
+from elast_cli.models.part import Setting
 from elast_cli.shapes import FRAMES, Bool, Int64
 
 
-def frame_features(dataset: Dataset, encoder: Encoder) -> Tensor:
+def frame_features(dataset: Dataset, encoder: Encoder, setting: Setting) -> Frames:
     """A dataset's frames as φ takes them [N,3,S,S]: preprocessed, less their context image."""
-    features = encoder.preprocess(torch.from_numpy(dataset.pixels))
-    if dataset.context is not None:
-        images = encoder.preprocess(torch.from_numpy(dataset.context))
-        for part, image in zip(features.split(dataset.ep_len.tolist()), images, strict=True):
-            part -= image
-    return features
+    return collected(_features(dataset, encoder), len(dataset.pixels), setting)
+
+
+def _features(dataset: Dataset, encoder: Encoder) -> Iterator[Tensor]:
+    """The same, block by block."""
+    for rows, pixels in blocks(dataset.pixels):
+        features = encoder.preprocess(torch.from_numpy(pixels))
+        if dataset.context is not None:
+            episode = dataset.episode[rows]
+            shown = dataset.context[episode[0] : episode[-1] + 1]
+            images = encoder.preprocess(torch.from_numpy(shown))
+            features -= images[torch.from_numpy(episode - episode[0])]
+        elif encoder.pool == 1:
+            features = features.byte()  # half the bytes, the same numbers
+        yield features
 
 
 class FrameWindows:
     """Windows of states from a dataset: frames preprocessed once, stacked by index."""
 
-    def __init__(self, dataset: Dataset, features: Tensor, context: Tensor) -> None:
-        self.features, self.context = features, context  # [N,3,S,S], [E,C]
-        self.actions = torch.from_numpy(dataset.action).to(features.device)
-        self.episode = np.repeat(np.arange(dataset.episodes), dataset.ep_len)  # [N]
+    def __init__(self, dataset: Dataset, features: Frames, context: Tensor) -> None:
+        """Take a dataset, its frames [N,3,S,S] and contexts [E,C], on the training's device."""
+        self.features, self.context = features, context
+        self.actions = torch.from_numpy(dataset.action).to(context.device)
+        self.episode = dataset.episode  # [N]
         self.first = dataset.ep_offset[self.episode]  # [N]
 
     def stacks(self, rows: Int64, still: Bool | None = None) -> Tensor:
@@ -39,7 +54,7 @@ class FrameWindows:
         if still is not None:
             back = np.where(still[..., None], 0, back)
         index = np.maximum(rows[..., None] + back, self.first[rows][..., None])
-        return self.features[torch.from_numpy(index).to(self.features.device)]
+        return self.features.take(index)
 
     def contexts(self, rows: Int64) -> Tensor:
         """Context vectors [M,C] of the episodes that `rows` [M] lie in."""

@@ -67,7 +67,7 @@ def _calibrate_dynamics(
     support.rows.copy_(rows)
     support.latents.copy_(data.z[rows])
     support.states.copy_(data.state[rows])
-    z, action, context, z_next = data.transitions(data.val)
+    z, action, context, z_next = data.held_out()
     predicted, variance = dynamics.ensemble(z, action, context)
     distance = support.distance(predicted)
     dynamics.ensemble.variance_quantiles.fit(variance)

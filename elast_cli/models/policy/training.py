@@ -49,7 +49,7 @@ def train_policy(
         setting=setting,
     )
     with torch.no_grad():
-        z, _, context, z_next = data.transitions(data.val)
+        z, _, context, z_next = data.held_out()
         back, _ = ensemble(z, model(z, z_next, context), context)
         miss = (back - z_next).norm(dim=1)
     model.round_trip_quantiles.fit(miss)

@@ -24,6 +24,7 @@ from elast_cli.planners.tree.transitions import Transitions
 from elast_cli.shapes import Bool, Int64
 
 CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
+ROOT_EXPANSIONS = 1000  # after which a tree that has not left its root stops
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ class Search:
         forest, sums = self.forest, self.growth.sparsity.sums
         while time.monotonic() - self.began < seconds:
             open_ended = (forest.size < forest.capacity) & (sums[:, 1] > 0)
+            open_ended &= (forest.size > 1) | (self.done < ROOT_EXPANSIONS)
             rows = np.flatnonzero(open_ended & (self.done < self.budget))
             if not len(rows):
                 break

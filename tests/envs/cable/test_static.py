@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from elast_cli.envs.cable.static import SEGMENTS, Cable
 from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario, empty_layout
-from tests.envs.cable.hand import crosses, guided
+from tests.toys.cable_hand import crosses, guided
 
 
 def straight(head: tuple[float, float], towards: tuple[float, float]) -> Cable:

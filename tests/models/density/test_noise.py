@@ -136,18 +136,18 @@ def test_noise_leaves_given_places_in_the_contexts_of_other_rows() -> None:
     assert (targets[0] > others.context[rows] + others.margin)[barred].float().mean() > 0.9
 
 
-def test_transitions_are_lent_to_contexts_that_they_fit() -> None:
+def test_transitions_are_relabelled_with_contexts_that_they_fit() -> None:
     others = line_of_rooms(count=5)
     rows = torch.arange(0, 200, 10).repeat(50)
-    lent = others.lent(rows, 0.5, np.random.default_rng(0))
-    own, wall = lent == rows, others.context[rows].flatten()
-    ends = others.z[lent].flatten() + 0.1
+    found = others.relabelled(rows, 0.5, np.random.default_rng(0))
+    own, wall = found == rows, others.context[rows].flatten()
+    ends = others.z[found].flatten() + 0.1
     assert (ends <= wall + others.alike)[~own].all()
     roomy, narrow = wall > 0.9, wall < 0.15
     assert (~own)[roomy].float().mean() == pytest.approx(0.5, abs=0.1)
     assert (~own)[narrow].float().mean() < 0.1
-    assert torch.isin(lent, torch.cat([others.train, rows])).all()
-    assert torch.equal(others.lent(rows, 0, np.random.default_rng(0)), rows)
+    assert torch.isin(found, torch.cat([others.train, rows])).all()
+    assert torch.equal(others.relabelled(rows, 0, np.random.default_rng(0)), rows)
 
 
 def test_noise_of_other_contexts_is_the_same_for_the_same_seed_and_for_training_alone() -> None:

@@ -8,7 +8,7 @@ import pytest
 from elast_cli.config import validate
 from elast_cli.errors import ConfigError
 from elast_cli.models.encoder.config import EncoderSection
-from elast_cli.models.encoder.hard_negatives import Lookalikes
+from elast_cli.models.encoder.hard_negatives import HardNegatives
 from elast_cli.shapes import Float32, Int64
 
 STARTS = np.arange(0, 4000, 2)
@@ -19,8 +19,8 @@ def on_a_line(rows: Int64) -> Float32:
     return (rows * 7 % 4001).astype(np.float32)[:, None]
 
 
-def lookalikes(refresh: int = 10) -> Lookalikes:
-    return Lookalikes(STARTS, on_a_line, group=4, refresh=refresh)
+def lookalikes(refresh: int = 10) -> HardNegatives:
+    return HardNegatives(STARTS, on_a_line, group=4, refresh=refresh)
 
 
 def test_a_batch_is_groups_of_windows_that_end_alike_and_the_rest_at_random() -> None:
@@ -39,7 +39,7 @@ def test_the_search_follows_the_encoder() -> None:
         searched.append(len(rows))
         return on_a_line(rows)
 
-    batches = Lookalikes(STARTS, encode, group=4, refresh=3)
+    batches = HardNegatives(STARTS, encode, group=4, refresh=3)
     for step in range(7):
         batches.batch(np.random.default_rng(step), 8)
     assert len(searched) == 3

@@ -18,7 +18,7 @@ from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.density.noise import OtherContexts
 from elast_cli.models.density.training import train_density
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSection
-from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.encoder.cpc import EncoderSpec, Representation
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.encoder.hard_negatives import Starts
 from elast_cli.models.encoder.net import Encoder
@@ -28,6 +28,7 @@ from elast_cli.models.ensemble.config import EnsembleConfig, EnsembleSection
 from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.ensemble.training import train_ensemble
+from elast_cli.models.frames import HeldFrames
 from elast_cli.models.latents import LatentData
 from elast_cli.models.part import FitConfig, Setting, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySection
@@ -89,7 +90,7 @@ def encoder(dataset: Dataset, context: torch.Tensor, work: Path) -> Trained:
 @pytest.fixture(scope="module")
 def data(dataset: Dataset, context: torch.Tensor, work: Path, encoder: Trained) -> LatentData:
     assert isinstance(encoder.module, Representation)
-    return encode(dataset, context, encoder.module, setting(work / "encoder"))
+    return encode(dataset, context, encoder.module.encoder, setting(work / "encoder"))
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +126,7 @@ def held_out(data: LatentData) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor
 
 def test_stacks_are_the_last_frames_and_never_cross_an_episode(dataset: Dataset) -> None:
     numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
-    windows = FrameWindows(dataset, numbered, torch.zeros(EPISODES, 0))
+    windows = FrameWindows(dataset, HeldFrames(numbered), torch.zeros(EPISODES, 0))
     rows = np.array([0, 1, 5, ROWS, ROWS + 1])
     found = windows.stacks(rows).flatten(1).tolist()
     assert found == [
@@ -139,14 +140,14 @@ def test_stacks_are_the_last_frames_and_never_cross_an_episode(dataset: Dataset)
 
 def test_a_still_stack_repeats_its_own_frame(dataset: Dataset) -> None:
     numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
-    windows = FrameWindows(dataset, numbered, torch.zeros(EPISODES, 0))
+    windows = FrameWindows(dataset, HeldFrames(numbered), torch.zeros(EPISODES, 0))
     found = windows.stacks(np.array([[5, 9]]), np.array([[True, False]])).flatten(2).tolist()
     assert found == [[[5, 5, 5], [7, 8, 9]]]
 
 
 def test_a_window_holds_states_the_actions_between_them_and_its_context(dataset: Dataset) -> None:
     numbered = torch.arange(len(dataset.pixels))[:, None, None, None]
-    windows = FrameWindows(dataset, numbered, torch.arange(EPISODES)[:, None].float())
+    windows = FrameWindows(dataset, HeldFrames(numbered), torch.arange(EPISODES)[:, None].float())
     stacks, actions, context = windows.window(np.array([2, ROWS + 3]), 2)
     assert stacks[..., -1, 0, 0, 0].tolist() == [[2, 3, 4], [ROWS + 3, ROWS + 4, ROWS + 5]]
     np.testing.assert_array_equal(actions[1], dataset.action[ROWS + 3 : ROWS + 5])
@@ -168,11 +169,14 @@ def test_windows_start_anywhere() -> None:
     np.testing.assert_array_equal(found, rows[np.random.default_rng(0).integers(30, size=50)])
 
 
-def test_the_context_image_of_an_episode_comes_off_its_frames(dataset: Dataset) -> None:
+def test_the_context_image_of_an_episode_comes_off_its_frames(
+    dataset: Dataset, tmp_path: Path
+) -> None:
     images = np.random.default_rng(0).integers(256, size=(EPISODES, 64, 64, 3), dtype=np.uint8)
     phi = Encoder(EncoderConfig(pool=8))
-    plain = frame_features(dataset, phi)
-    less = frame_features(replace(dataset, context=images), phi)
+    rows, work = np.arange(EPISODES * ROWS), setting(tmp_path)
+    plain = frame_features(dataset, phi, work).take(rows)
+    less = frame_features(replace(dataset, context=images), phi, work).take(rows)
     taken = (plain - less).unflatten(0, (EPISODES, ROWS))
     expected = phi.preprocess(torch.from_numpy(images))[:, None].expand_as(taken)
     torch.testing.assert_close(taken, expected, rtol=0, atol=0.25)  # of half precision
@@ -182,12 +186,12 @@ def test_an_encoder_takes_contexts(dataset: Dataset, tmp_path: Path) -> None:
     stage = ENCODER.model_copy(update={"fit": FitConfig(steps=10, batch_size=64)})
     context = torch.randn(EPISODES, 5, generator=torch.Generator().manual_seed(0))
     trained = train_encoder(dataset, context, stage, setting(tmp_path))
-    assert trained.sizes is not None
-    assert trained.sizes.context == 5
+    assert isinstance(trained.spec, EncoderSpec)
+    assert trained.spec.sizes.context == 5
     assert isinstance(trained.module, Representation)
-    data = encode(dataset, context, trained.module, setting(tmp_path))
+    data = encode(dataset, context, trained.module.encoder, setting(tmp_path))
     torch.testing.assert_close(data.context[::ROWS], context)
-    assert data.sizes == trained.sizes
+    assert data.sizes == trained.spec.sizes
 
 
 # ---- encoder ------------------------------------------------------------------------------------
@@ -197,8 +201,8 @@ def test_the_encoders_losses_fall_and_its_latents_hold_the_state(encoder: Traine
     assert fell(encoder, "val_info_nce", 0.8)
     assert encoder.metrics["probe_knn_r2"] > 0.8
     assert 1.5 < encoder.metrics["latent_dimensions_used"] <= 3
-    assert encoder.sizes is not None
-    assert encoder.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
+    assert isinstance(encoder.spec, EncoderSpec)
+    assert encoder.spec.sizes.model_dump() == {"latent": 3, "action": 2, "context": 0, "state": 2}
 
 
 def test_distances_of_images_are_trained_on_and_are_the_same_every_time(
@@ -235,9 +239,8 @@ def test_encoding_is_the_encoder_on_every_rows_stack(
     model = encoder.module
     assert isinstance(model, Representation)
     rows = np.array([0, 1, ROWS - 1, ROWS, 100])
-    windows = FrameWindows(
-        dataset, model.encoder.preprocess(torch.from_numpy(dataset.pixels)), torch.zeros(30, 0)
-    )
+    features = model.encoder.preprocess(torch.from_numpy(dataset.pixels[:]))
+    windows = FrameWindows(dataset, HeldFrames(features), torch.zeros(30, 0))
     with torch.no_grad():
         expected = model.encoder(windows.stacks(rows))
     torch.testing.assert_close(data.z[rows], expected, rtol=1e-4, atol=1e-4)
@@ -335,22 +338,22 @@ def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
         weights(differing, 0.5, None)
 
 
-def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_lent_to(
+def test_relabelled_transitions_are_data_in_the_contexts_of_the_rows_that_they_stand_for(
     data: LatentData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = replace(data, context=torch.rand(len(data.z), 2))
     dynamics = DynamicsEnsemble(EnsembleConfig(members=2, width=8), 3, 2, 2)
-    borrower: list[Tensor] = []
+    asked: list[Tensor] = []
     shares: list[float] = []
     seen: list[int] = []
 
-    def lent(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
-        borrower.append(rows)
+    def relabelled(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
+        asked.append(rows)
         shares.append(share)
         return rows.flip(0)
 
     def log_ratio(self: TransitionDensity, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        rows = borrower[-1]
+        rows = asked[-1]
         places, count = rows.flip(0), len(rows)
         if len(z) == 11 * count:  # with ten false ones each; not in calibration
             assert torch.equal(z[:count], data.z[places])
@@ -362,14 +365,14 @@ def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_len
 
     known = TransitionDensity.log_ratio
     with monkeypatch.context() as patch:
-        patch.setattr(OtherContexts, "lent", lent)
+        patch.setattr(OtherContexts, "relabelled", relabelled)
         patch.setattr(TransitionDensity, "log_ratio", log_ratio)
-        net = DensityConfig(width=8, lent_share=0.25)
+        net = DensityConfig(width=8, relabelled_share=0.25)
         stage = DensitySection(net=net, fit=FitConfig(steps=3, batch_size=16))
         train_density(data, stage, setting(tmp_path), dynamics)
     assert shares.count(0.25) == 3
     assert len(seen) == len(shares)
-    assert set(shares) == {0.0, 0.25}  # what is held out is never lent
+    assert set(shares) == {0.0, 0.25}  # what is held out is never relabelled
 
 
 def test_the_policy_learns_and_calibrates_its_round_trip(
