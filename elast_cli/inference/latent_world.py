@@ -178,7 +178,8 @@ class LatentWorld:
         for i, (weight, bias) in enumerate(self._ensemble.layers):
             y = np.matmul(np.maximum(y, 0, out=y) if i else y, weight)
             y += bias[:, None]
-        return z + y.mean(0) * scale.step
+        following: Float32 = z + y.mean(0) * scale.step
+        return following
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""

@@ -107,7 +107,8 @@ def _array(path: Path, name: str, found: dict[str, Any], wanted: Wanted) -> Arra
         )
     if packed:  # the upper half of a float32
         upper = np.ndarray(shape, np.uint16, found["data"]).astype(np.uint32)
-        array: Array = (upper << 16).view(np.float32)
+        upper <<= 16
+        array: Array = upper.view(np.float32)
     else:
         array = np.ndarray(shape, dtype, found["data"])
     if array.dtype.kind == "f" and not np.isfinite(array).all():
