@@ -44,6 +44,7 @@ def job_of(
     from elast_cli.store.store import Store
 
     progress = console.reporter(quiet=running.quiet)
+    config = presets.load(lineage.preset, env, lineage.set or [], extra)
     for flag, text in [*(("--set", text) for text in lineage.set or []), *extra]:
         section = text.partition(".")[0].strip()
         if uses is not None and section not in uses:
@@ -52,7 +53,7 @@ def job_of(
         store=Store.default(),
         env=env,
         preset=lineage.preset,
-        config=presets.load(lineage.preset, env, lineage.set or [], extra),
+        config=config,
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,

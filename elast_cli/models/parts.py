@@ -1,12 +1,13 @@
 """The table of learned parts: light and lazy, and all that the rest of elast knows of them.
 
-From a row derive the section of presets, the command `train-<kind>`, the flag `--<kind>`, the order
+From a row derive the section of presets, the command `train-<word>`, the flag `--<word>`, the order
 of stages, what is missing, loading and saving. A new part is one module or folder, and one row.
 """
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 DATASET = "dataset"
 CONTEXT = "context"
+_KIND = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Part:
     """One learned part. Classes and functions are named `module:name`, and imported when needed.
 
     Attributes:
-        kind: the kind of its artifacts, its section, and the word in commands and flags.
+        kind: the kind of its artifacts and its section: small letters, digits and underscores.
         about: one line for `--help`.
         needs: kinds that it is trained on, `dataset` among them.
         needs_where_context: further ones where episodes differ in their context.
@@ -69,8 +71,10 @@ def register(part: Part) -> None:
     """Add a row to the table, behind all that it needs.
 
     Raises:
-        ValueError: the kind is taken, or it needs a kind that is not there.
+        ValueError: the kind is taken or no kind, or it needs a kind that is not there.
     """
+    if not _KIND.fullmatch(part.kind):
+        raise ValueError(f"{part.kind!r} is no kind: small letters, digits and underscores")
     if part.kind in PARTS or part.kind == DATASET:
         raise ValueError(f"there is a part {part.kind!r} already")
     for need in (*part.needs, *part.needs_where_context):
@@ -86,6 +90,11 @@ def part_named(kind: str) -> Part:
             f"unknown part {kind!r}{suggestion(kind, PARTS)}; choose {', '.join(PARTS)}"
         )
     return PARTS[kind]
+
+
+def word(kind: str) -> str:
+    """A kind as commands and flags spell it."""
+    return kind.replace("_", "-")
 
 
 def kinds() -> list[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elast_cli.config import JsonDict
+from elast_cli.envs.base import ElastEnv
 from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario
 from elast_cli.envs.simulated import SimulatedTask
@@ -33,7 +34,7 @@ from elast_cli.store.run import Run
 from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.methods.explain import Explanation
+    from elast_cli.methods.explain import Distance, Explanation
 
 ALGORITHM_VERSION = 9
 PLAN_FILE = "plan.json"
@@ -106,8 +107,7 @@ def _plan(
     latent, _ = encoder.update(state, _resting(start), None)
     query = Query(latent, goal, read(task.context, 1), seed)
     config = method.configure(job.config).section(PLANNER, TreeConfig)
-    distance = env.distance if isinstance(env, SimulatedTask) else None
-    plan = explain_plan(models, config, query, distance)
+    plan = explain_plan(models, config, query, _distance_of(env))
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
@@ -115,6 +115,11 @@ def _plan(
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
     return {key: plan.figures[key] for key in METRICS}
+
+
+def _distance_of(env: ElastEnv) -> Distance | None:
+    """How far two true states are apart, where the environment knows it."""
+    return env.distance if isinstance(env, SimulatedTask) else None
 
 
 def _scenario(job: Job, level: str, index: int) -> Scenario:

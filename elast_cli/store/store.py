@@ -281,7 +281,7 @@ class Store:
         there = [str(other) for other in self.refs(ref.env, ref.kind)]
         if there:
             return f"{ref} does not exist; there is {', '.join(there)}"
-        maker = _MAKERS.get(ref.kind, f"train-{ref.kind}")
+        maker = _MAKERS.get(ref.kind, f"train-{ref.kind.replace('_', '-')}")
         return f"{ref} does not exist; run: elast {maker} --env {ref.env}"
 
     def _check_parent(self, child: Ref, role: str, parent: Ref, digest: str) -> None:
