@@ -33,7 +33,7 @@ class Part:
         needs: kinds that it is trained on, `dataset` among them.
         needs_where_context: further ones where episodes differ in their context.
         section_class: its section of presets, a `Section`; imports no torch.
-        spec_class: a StrictModel with `build`, see `ModelSpec`.
+        spec_class: a StrictModel with `build`, see `ModelSpec`; imports no torch.
         trainer: called as trainer(inputs, section, setting), returns a `Trained`.
     """
 
@@ -134,7 +134,7 @@ def imported(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _row(kind: str, about: str, needs: str, spec: str, needs_where_context: str = "") -> Part:
+def _row(kind: str, about: str, needs: str, needs_where_context: str = "") -> Part:
     """A row of elast's own, whose folder is called like its kind."""
     here = f"elast_cli.models.{kind}"
     return Part(
@@ -143,7 +143,7 @@ def _row(kind: str, about: str, needs: str, spec: str, needs_where_context: str 
         needs=tuple(needs.split()),
         needs_where_context=tuple(needs_where_context.split()),
         section_class=f"{here}.config:{kind.capitalize()}Section",
-        spec_class=f"{here}.{spec}",
+        spec_class=f"{here}.config:{kind.capitalize()}Spec",
         trainer=f"{here}.training:train",
     )
 
@@ -153,7 +153,6 @@ register(
         "context",
         about="Train the context autoencoder, where obstacles change with the episode.",
         needs="dataset",
-        spec="net:ContextSpec",
     )
 )
 register(
@@ -161,7 +160,6 @@ register(
         "encoder",
         about="Train the encoder with its forward model (contrastive predictive coding).",
         needs="dataset context",
-        spec="cpc:EncoderSpec",
     )
 )
 register(
@@ -169,7 +167,6 @@ register(
         "ensemble",
         about="Train the ensemble of latent dynamics.",
         needs="dataset context encoder",
-        spec="support:EnsembleSpec",
     )
 )
 register(
@@ -178,7 +175,6 @@ register(
         about="Train the transition density (noise-contrastive estimation).",
         needs="dataset context encoder",
         needs_where_context="ensemble",  # its noise asks H_f
-        spec="net:DensitySpec",
     )
 )
 register(
@@ -186,6 +182,5 @@ register(
         "policy",
         about="Train the local policy that leads from one latent to the next.",
         needs="dataset context encoder ensemble",
-        spec="net:PolicySpec",
     )
 )

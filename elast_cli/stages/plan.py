@@ -24,7 +24,6 @@ from elast_cli.stages.job import (
     PLANNER,
     Job,
     RecipeJob,
-    limit_threads,
     note_if_unrepeatable,
     verify_files,
 )
@@ -88,37 +87,31 @@ def _plan(
 ) -> JsonDict:
     from elast_cli.control.base import Task
     from elast_cli.control.episodes import context_images
-    from elast_cli.inference.contexts import ContextVectors
-    from elast_cli.inference.frames import FrameEncoder
     from elast_cli.methods.explain import explain_plan
-    from elast_cli.methods.loading import load_models
-    from elast_cli.models.context.net import ContextAutoencoder
-    from elast_cli.models.encoder.cpc import Representation
-    from elast_cli.models.ensemble.support import SupportedDynamics
+    from elast_cli.methods.loading import Models
+    from elast_cli.methods.sight import contexts, frame_encoder
     from elast_cli.planners.base import Query
     from elast_cli.planners.tree.config import TreeConfig
 
-    limit_threads(job.threads)
     note_if_unrepeatable(job, method)
     verify_files(job.store, {role: ref for role, ref in inputs.items() if role != DATASET})
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role in PARTS}
-    models = load_models(folders, job.device)
+    models = Models(folders, job.device, job.threads)
     scenario = _scenario(job, level, index)
     env = make(job.env, job.config.env)
     start, info = env.reset(options={"scenario": scenario})
     seed = np.array([derived_seed("plan", plan_seed(job, scenario), 0)])
     task = Task(_resting(info["goal"]), seed, context_images([info]))
-    encoder = FrameEncoder(models.part("encoder", Representation).encoder)
-    contexts = ContextVectors(models.maybe("context", ContextAutoencoder))
+    encoder, read = frame_encoder(models), contexts(models)
     goal, state = encoder.begin(task)
-    z, _ = encoder.update(state, _resting(start), None)
-    query = Query(z, goal, contexts(task.context, 1), seed)
+    latent, _ = encoder.update(state, _resting(start), None)
+    query = Query(latent, goal, read(task.context, 1), seed)
     config = method.configure(job.config).section(PLANNER, TreeConfig)
     plan = explain_plan(models, config, query, _distance_of(env))
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
-    support = models.part("ensemble", SupportedDynamics).support.latents.cpu().numpy()
+    support = models.stored("ensemble").arrays["support.latents"]
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
     return {key: plan.figures[key] for key in METRICS}

@@ -16,6 +16,7 @@ from elast_cli.models.encoder.net import Encoder
 from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.files import arrays_of
 from elast_cli.models.nets import ForwardModel, LatentScale
 from elast_cli.models.policy.net import LocalPolicy
 from tests.toys.models import ACTION, CONTEXT, LATENT, models
@@ -150,7 +151,8 @@ def test_members_of_every_depth_are_what_the_search_calls(depth: int) -> None:
     z, _, action, context = items(5)
     inputs = torch.cat([model.scale(z), action, context], dim=1).numpy()
     expected = model.members(z, action, context).detach()
-    np.testing.assert_allclose(DenseNetwork.of(model.layers)(inputs), expected, 1e-4, 1e-5)
+    found = DenseNetwork.of(arrays_of(model.layers))(inputs)
+    np.testing.assert_allclose(found, expected, 1e-4, 1e-5)
 
 
 def test_members_may_each_have_their_own_inputs() -> None:
