@@ -23,7 +23,7 @@ from benchmarks import (
 )
 from benchmarks.document import Document, Figure
 from benchmarks.trained import FULL, HOME, QUICK, Bench
-from elast_cli import console
+from elast_cli.cli import console
 
 MEASUREMENTS: Mapping[str, Callable[[Bench], list[Figure]]] = {
     "batch": batch.figures,

@@ -17,10 +17,14 @@ from torch import Tensor, nn
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, row
-from elast_cli.methods import Models, tree_planner
-from elast_cli.models.dense import DenseNetwork
+from elast_cli.inference.dense import DenseNetwork
+from elast_cli.methods.elast import tree_planner
+from elast_cli.methods.loading import Models
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Query, World
-from elast_cli.planners.elast import TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
 
 MOST = 1.5
 NETWORKS = {  # called by each function of the world
@@ -143,13 +147,13 @@ class _Ensemble(nn.Module):
 
 def modules(models: Models) -> dict[str, nn.Module]:
     """The networks that a search calls, as torch has them."""
-    density = models.density
+    density = models.part("density", TransitionDensity)
     z_size, width = density.latent_size, density.config.width
     return {
-        "ensemble": _Ensemble(models.ensemble.ensemble.layers),
+        "ensemble": _Ensemble(models.part("ensemble", SupportedDynamics).ensemble.layers),
         "first": nn.Linear(density.first.in_features - z_size, 2 * width + z_size),
         "rest": density.rest[1],  # after the first layer's ReLU
-        "policy": models.policy.net,
+        "policy": models.part("policy", LocalPolicy).net,
     }
 
 

@@ -10,10 +10,12 @@ import numpy as np
 from benchmarks.document import Figure
 from benchmarks.serial import TorchNetworks, plan_serially
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import tree_planner
+from elast_cli.config import JsonDict
+from elast_cli.methods.elast import tree_planner
 from elast_cli.planners.base import Query
 
 AIM = 15.0
+ONE_BY_ONE: JsonDict = {"min": 1, "max": 1}
 REPEATS = 2  # of every plan, at most: the serial ones take seconds each
 
 
@@ -22,7 +24,7 @@ def figures(bench: Bench) -> list[Figure]:
     sizes, config = bench.sizes, bench.tree()
     repeats = min(REPEATS, sizes.repeats)
     planner = tree_planner(bench.models, config)
-    one_by_one = tree_planner(bench.models, bench.tree(batch_min=1, batch_max=1))
+    one_by_one = tree_planner(bench.models, bench.tree(batch=ONE_BY_ONE))
     query = bench.query(sizes.rows)
     planner.plan(row(query, 0))  # compiles, or loads what was compiled
     rows = [row(query, b) for b in range(sizes.serial_rows)]

@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elast_cli.envs import spec
-from elast_cli.plots import METHOD_COLOURS, figure_png
+from elast_cli.envs.registry import task_info
+from elast_cli.pictures.canvas import METHOD_COLOURS, figure_png
 
 BUDGETS = (5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000)
 PER_EXPANSION = 6.75  # transitions: five members, and a round trip for every third
@@ -32,7 +32,7 @@ def settings(method: str, budget: int) -> list[str]:
     """
     if method == "elast":
         expansions = int(budget // PER_EXPANSION)
-        return [f"planner.expansions={expansions}", "planner.replan_expansions=2000"]
+        return [f"planner.expansions={expansions}", "planner.reuse.expansions=2000"]
     samples = budget // CEM_ROUNDS
     return [f"cem.num_samples={samples}", f"cem.topk={max(2, samples // 10)}"]
 
@@ -70,7 +70,7 @@ def measured(method: str, budget: int, words: Sequence[str]) -> dict[str, Any]:
 
 def transitions(row: Mapping[str, Any]) -> float:
     """Predicted transitions of all plans of an episode, from its row of the results."""
-    most = spec(row["env"]).env_class.level(row["level"]).max_steps
+    most = task_info(row["env"]).level(row["level"]).max_steps
     steps = most if row["steps"] is None else row["steps"]
     return float(row["network_calls_per_step"] * max(steps, 1))
 

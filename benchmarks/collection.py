@@ -20,8 +20,10 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench
-from elast_cli.envs import RandomPolicy, make
-from elast_cli.preset import load
+from elast_cli.control.collection import CollectConfig
+from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.registry import make_simulated
+from elast_cli.stages.presets import load
 
 PRESET = "standard"
 BARE_SECONDS = 2.0
@@ -39,7 +41,7 @@ def figures(bench: Bench) -> list[Figure]:
 
 
 def _figures(env: str, n: int, workers: int) -> tuple[Figure, Figure]:
-    length = load(PRESET, env).collect.episode_steps
+    length = load(PRESET, env).section("collect", CollectConfig).episode_steps
     bare = [bare_loop(env)]
     first = max(n // 10, length)
     tenth = _collect(env, first, workers)
@@ -89,9 +91,10 @@ class Spent(NamedTuple):
 def bare_loop(name: str, seconds: float = BARE_SECONDS) -> Spent:
     """Seconds a frame of `set_state`, `advance` and `frame` alone, in this process."""
     config = load(PRESET, name)
-    env, rng = make(name, config.env), np.random.default_rng(0)
-    policy = RandomPolicy(env.action_size, config.collect.policy)
-    length, frames = config.collect.episode_steps, 0
+    env, rng = make_simulated(name, config.env), np.random.default_rng(0)
+    collect = config.section("collect", CollectConfig)
+    policy = RandomPolicy(env.action_size, collect.policy)
+    length, frames = collect.episode_steps, 0
     episodes = []
     for _ in range(EPISODES):
         policy.reset(rng)

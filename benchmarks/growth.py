@@ -10,12 +10,13 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import JsonValue
 
 from benchmarks.document import Figure
 from benchmarks.trained import Bench, row, timed
-from elast_cli.methods import tree_planner
+from elast_cli.methods.elast import tree_planner
 from elast_cli.planners.base import Query
-from elast_cli.planners.elast import ElastPlanner, Search
+from elast_cli.planners.tree.search import ElastPlanner, Search
 
 BATCH, SCENARIOS = 32, 3
 
@@ -47,14 +48,14 @@ def figures(bench: Bench) -> list[Figure]:
     ]
 
 
-def measure(bench: Bench, **changes: object) -> Growth:
+def measure(bench: Bench, **changes: JsonValue) -> Growth:
     """Plan with every budget of expansions, with some changes to the search."""
     query = bench.query(SCENARIOS)
     warm = bench.tree(expansions=100, **changes)
     tree_planner(bench.models, warm).plan(row(query, 0))  # compiles
     seconds, nodes = [], []
     for expansions in bench.sizes.growth:
-        config = bench.tree(expansions=expansions, batch_min=BATCH, batch_max=BATCH, **changes)
+        config = bench.tree(expansions=expansions, batch={"min": BATCH, "max": BATCH}, **changes)
         planner = tree_planner(bench.models, config)
         runs = [
             timed(partial(nodes_of_plan, planner, row(query, b)), bench.sizes.repeats)

@@ -7,8 +7,10 @@ import io
 import pstats
 import re
 
+from benchmarks.batch import ONE_BY_ONE
 from benchmarks.trained import Bench, row
-from elast_cli.methods import tree_planner
+from elast_cli.config import JsonDict
+from elast_cli.methods.elast import tree_planner
 
 LINES = 18
 
@@ -17,10 +19,11 @@ def page(bench: Bench) -> str:
     """A Markdown page with both lists, of the first scenario."""
     query = row(bench.query(1), 0)
     shown = []
-    for title, changes in (
+    searches: tuple[tuple[str, JsonDict], ...] = (
         ("In batches (the default)", {}),
-        ("One expansion at a time (`batch_min=1 batch_max=1`)", {"batch_min": 1, "batch_max": 1}),
-    ):
+        ("One expansion at a time (`batch: {min: 1, max: 1}`)", {"batch": ONE_BY_ONE}),
+    )
+    for title, changes in searches:
         planner = tree_planner(bench.models, bench.tree(**changes))
         planner.plan(query)  # compiles
         profile = cProfile.Profile()

@@ -9,10 +9,13 @@ import numpy as np
 
 from benchmarks.document import Figure
 from benchmarks.trained import ENV, LEVEL, Bench, row
-from elast_cli.control import Replan, run_episodes
-from elast_cli.envs import make, scenarios, spec
-from elast_cli.methods import METHODS, context_reader, tree_planner
+from elast_cli.control.episodes import run_episodes
+from elast_cli.control.replan import Replan
+from elast_cli.envs.registry import make, scenarios, task_info
+from elast_cli.methods.elast import tree_planner
+from elast_cli.methods.table import METHODS
 from elast_cli.planners.base import Plan, Planner, Query
+from elast_cli.planners.tree.config import TreeConfig
 
 
 @dataclass
@@ -41,7 +44,8 @@ def warm_up(planner: Planner, query: Query) -> None:
 def figures(bench: Bench) -> list[Figure]:
     """Episodes one by one, with the default control and the preset's budget of expansions."""
     config = bench.job.config
-    warm_up(tree_planner(bench.models, config.planner), row(bench.query(1), 0))
+    search = config.section("planner", TreeConfig)
+    warm_up(tree_planner(bench.models, search), row(bench.query(1), 0))
     controller = METHODS["elast"].build(bench.models, config, ENV, 1)
     assert isinstance(controller, Replan)
     planner = Timed(controller.planner)
@@ -53,9 +57,8 @@ def figures(bench: Bench) -> list[Figure]:
             controller,
             [make(ENV, config.env)],
             [scenario],
-            max_steps=spec(ENV).env_class.level(LEVEL).max_steps,
+            max_steps=task_info(ENV).level(LEVEL).max_steps,
             seeds=np.array([scenario.index]),
-            context=context_reader({}, "cpu"),
         )
         reached += trace.steps is not None
     if not planner.later:

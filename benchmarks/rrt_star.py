@@ -16,7 +16,8 @@ from numba import njit
 from benchmarks.document import Figure
 from benchmarks.trained import Bench
 from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 RANGE = 0.07
@@ -72,6 +73,10 @@ class Plane:
         length = np.linalg.norm(action, axis=1, keepdims=True).clip(1)
         following = (z + np.float32(RANGE) * action / length).astype(np.float32)
         return following, np.zeros(len(z), np.float32)
+
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """The same."""
+        return self.step(z, action, np.full(len(z), row))[0]
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """The place itself."""

@@ -15,10 +15,13 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from elast_cli.methods import Models
+from elast_cli.methods.loading import Models
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Limits, Query, Radii
-from elast_cli.planners.elast import TreeConfig
-from elast_cli.planners.tree import DIRECTION
+from elast_cli.planners.tree.actions import DIRECTION
+from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
@@ -50,9 +53,12 @@ class TorchNetworks:
 
     def __init__(self, models: Models, context: Float32) -> None:
         """Take frozen models on the CPU, and the scenario's context [C]."""
-        self.models, self.context = models, torch.from_numpy(context)
-        self.action_size = models.policy.action_size
-        self.support = cKDTree(models.ensemble.support.latents.numpy())
+        dynamics = models.part("ensemble", SupportedDynamics)
+        self.ensemble, self.context = dynamics.ensemble, torch.from_numpy(context)
+        self.density = models.part("density", TransitionDensity)
+        self.policy = models.part("policy", LocalPolicy)
+        self.action_size = self.policy.action_size
+        self.support = cKDTree(dynamics.support.latents.numpy())
 
     def _contexts(self, rows: int) -> torch.Tensor:
         return self.context.expand(rows, -1)
@@ -60,7 +66,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def step(self, z: Float32, action: Float32) -> tuple[Float32, Float32]:
         """H_f on [M,Z], [M,A]."""
-        z_next, variance = self.models.ensemble.ensemble(
+        z_next, variance = self.ensemble(
             torch.from_numpy(z), torch.from_numpy(action), self._contexts(len(z))
         )
         return z_next.numpy(), variance.numpy()
@@ -68,7 +74,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def log_density(self, z: Float32, z_next: Float32) -> Float32:
         """ψ on [M,Z], [M,Z]."""
-        found: Float32 = self.models.density(
+        found: Float32 = self.density(
             torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
         ).numpy()
         return found
@@ -76,7 +82,7 @@ class TorchNetworks:
     @torch.inference_mode()
     def act(self, z: Float32, z_next: Float32) -> Float32:
         """π on [M,Z], [M,Z]."""
-        found: Float32 = self.models.policy(
+        found: Float32 = self.policy(
             torch.from_numpy(z), torch.from_numpy(z_next), self._contexts(len(z))
         ).numpy()
         return found
@@ -118,9 +124,9 @@ class SerialTree:
         Raises:
             ValueError: a setting is not known.
         """
-        if config.crowding != "near" or not config.use_ensemble:
+        if config.sampling.crowding != "near" or not config.use_ensemble:
             raise ValueError("the serial search knows crowding 'near' and the ensemble only")
-        if config.steer_goal + config.steer_sparse > 0:
+        if config.actions.steer_goal + config.actions.steer_sparse > 0:
             raise ValueError("the serial search does not steer: steer_goal and steer_sparse are 0")
         self.networks, self.config, self.limits = networks, config, limits
         # numpy would round plain floats to float32 before it compares; the kernels do not
@@ -160,7 +166,7 @@ class SerialTree:
         z, variance = self.networks.step(self._latents(parent), action[None])
         gaps = self._gaps(z[0])
         if not self._admissible(parent, z, float(variance[0]), gaps):
-            if self.config.count_rejections:
+            if self.config.sampling.count_rejections:
                 self._crowd(np.array([parent]))
             return
         near = np.flatnonzero(gaps <= self.radii.neighbor**2)
@@ -168,15 +174,15 @@ class SerialTree:
         crowded = near[gaps[near] <= self.radii.crowding**2]
         self._crowd(crowded)
         self._crowd(np.array([new]), len(crowded))
-        if self.config.rewire:
+        if self.config.rewire.enabled:
             self._rewire(new, near, gaps[near])
 
     def _choose(self, draw: Float64) -> int:
         """The node to expand: any, a sparse one, or the one nearest to the goal (Sec. 4.3)."""
         config, n = self.config, self.size
-        if draw[0] < config.p_uniform:
+        if draw[0] < config.sampling.p_uniform:
             return min(int(draw[1] * n), n - 1)
-        if draw[0] < config.p_uniform + config.p_sparse:
+        if draw[0] < config.sampling.p_uniform + config.sampling.p_sparse:
             total = np.cumsum(np.where(self.useful[:n], self.weight[:n], 0.0))
             return min(int(np.searchsorted(total, draw[1] * total[-1], side="right")), n - 1)
         return self.nearest
@@ -185,11 +191,11 @@ class SerialTree:
         """A uniform action [A], perhaps scaled to the edge of the box, or the node's own onward."""
         config = self.config
         action = (2 * draw[DIRECTION:] - 1).astype(np.float32)
-        if draw[2] < config.edge_actions:
+        if draw[2] < config.actions.edge:
             action /= max(np.abs(action).max(), np.float32(1e-6))
         own = self.action[parent]
-        if own.any() and draw[3] < config.momentum:
-            action = np.clip(own + np.float32(config.momentum_noise) * action, -1, 1)
+        if own.any() and draw[3] < config.actions.momentum:
+            action = np.clip(own + np.float32(config.actions.momentum_noise) * action, -1, 1)
         return action
 
     def _latents(self, nodes: int | Int64) -> Float32:
@@ -227,7 +233,7 @@ class SerialTree:
     def _crowd(self, nodes: Int64, by: int = 1) -> None:
         """Count `by` more at each of the nodes, which are drawn the less for it."""
         self.crowding[nodes] += by
-        self.weight[nodes] = (1.0 + self.crowding[nodes]) ** -self.config.sparse_exponent
+        self.weight[nodes] = (1.0 + self.crowding[nodes]) ** -self.config.sampling.sparse_exponent
 
     def _insert(self, parent: int, z: Float32, action: Float32) -> int:
         new = self.size
@@ -258,7 +264,7 @@ class SerialTree:
         """
         order = np.lexsort((near, gaps, self.depth[near]))
         sources, targets = near[order].tolist(), set(near.tolist())
-        for attempt in range(1 + self.config.connect_candidates):
+        for attempt in range(1 + self.config.rewire.candidates):
             edges = []
             if sources and self.depth[sources[0]] + 1 < self.depth[new]:
                 edges.append((sources.pop(0), new))

@@ -11,21 +11,27 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from pydantic import JsonValue
 
 from benchmarks.document import ROOT
-from elast_cli import preset
-from elast_cli.dataset import Dataset
-from elast_cli.envs import ENVS, make, scenarios
-from elast_cli.methods import METHODS, Models, load_models
-from elast_cli.models.inference import FrameEncoder
+from elast_cli.control.collection import CollectConfig
+from elast_cli.data.dataset import Dataset
+from elast_cli.envs.registry import ENVS, make, scenarios
+from elast_cli.inference.frames import FrameEncoder
+from elast_cli.methods.loading import Models, load_models
+from elast_cli.methods.table import METHODS
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.parts import DATASET
 from elast_cli.planners.base import Query
-from elast_cli.planners.elast import TreeConfig
+from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.progress import Progress, Silent
 from elast_cli.shapes import FRAMES
+from elast_cli.stages import presets
+from elast_cli.stages.chain import make_models
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import Job
-from elast_cli.stages.run import make_models
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import Ref
+from elast_cli.store.store import Store
 
 R = TypeVar("R")
 ENV, LEVEL = "block-s", "hard"
@@ -34,7 +40,7 @@ HOME = ROOT / "build" / "bench"
 
 def standard(*envs: str) -> dict[str, int]:
     """Transitions that the preset `standard` collects in each environment."""
-    return {env: preset.load("standard", env).collect.n for env in envs}
+    return {env: presets.load("standard", env).section("collect", CollectConfig).n for env in envs}
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class Bench:
             store=Store(self.home),
             env=ENV,
             preset="quick",
-            config=preset.load("quick", ENV, self.sizes.overrides),
+            config=presets.load("quick", ENV, self.sizes.overrides),
             workers=self.workers,
             progress=self.progress,
         )
@@ -112,26 +118,29 @@ class Bench:
     @cached_property
     def refs(self) -> dict[str, Ref]:
         """Dataset and models, made unless they are there."""
-        return make_models(self.job, METHODS["elast"].needs)
+        return make_models(self.job, METHODS["elast"].parts)
 
     @cached_property
     def models(self) -> Models:
         """The models, on the CPU."""
-        return load_models({role: self.job.store.path(r) for role, r in self.refs.items()}, "cpu")
+        paths = {role: self.job.store.path(ref) for role, ref in self.refs.items()}
+        return load_models({role: at for role, at in paths.items() if role != DATASET}, "cpu")
 
     @cached_property
     def dataset(self) -> Dataset:
         """What they were trained on."""
         return Dataset.load(self.job.store.file(self.refs["dataset"], DATASET_FILE))
 
-    def tree(self, **changes: object) -> TreeConfig:
+    def tree(self, **changes: JsonValue) -> TreeConfig:
         """The default search with the budget that is measured, and some changes."""
-        budget = {"expansions": self.sizes.expansions}
-        return TreeConfig(**{**self.job.config.planner.model_dump(), **budget, **changes})
+        planner = {"expansions": self.sizes.expansions, **changes}
+        return self.job.config.changed({"planner": planner}, by="bench").section(
+            "planner", TreeConfig
+        )
 
     def query(self, rows: int) -> Query:
         """The first problems of the level, all of them unseen in training."""
-        encode = FrameEncoder(self.models.encoder.encoder)
+        encode = FrameEncoder(self.models.part("encoder", Representation).encoder)
         env = make(ENV, self.job.config.env)
         ends = []
         for scenario in scenarios(ENV, LEVEL, seed=0, count=rows, domain="scenario-val"):

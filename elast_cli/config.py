@@ -6,22 +6,20 @@ numbers, booleans and null, and nothing else.
 
 from __future__ import annotations
 
-import difflib
 import io
 import json
 import math
-import os
-import stat
 import typing
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, NodeEvent
 
-from elast_cli.errors import ConfigError, ElastError, MissingInputError
+from elast_cli.errors import ConfigError, ElastError, suggestion
+from elast_cli.files import one_line, read_regular
 
 MAX_DEPTH = 32
 MAX_NODES = 20_000  # the pure-Python parser reads some 10,000 nodes a second
@@ -34,6 +32,7 @@ class StrictModel(BaseModel):
 
 
 Model = TypeVar("Model", bound=BaseModel)
+JsonDict = dict[str, JsonValue]
 
 
 def read_yaml(
@@ -46,29 +45,6 @@ def read_yaml(
         error: it is no regular file, too big, not UTF-8, or not plain data; one line naming it.
     """
     return parse_yaml(read_regular(path, error=error, max_bytes=max_bytes), str(path), error=error)
-
-
-def read_regular(path: Path, *, error: type[ElastError], max_bytes: int) -> bytes:
-    """The bytes of a regular file; never waits on a FIFO and never reads past `max_bytes`."""
-    try:
-        with open_regular(path) as file:
-            content = file.read(max_bytes + 1)
-    except FileNotFoundError:
-        raise MissingInputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as reason:
-        raise error(f"{path}: cannot be read: {_one_line(reason)}") from None
-    if len(content) > max_bytes:
-        raise error(f"{path}: larger than {max_bytes} bytes")
-    return content
-
-
-def open_regular(path: Path) -> io.BufferedReader:
-    """An open regular file, never a folder, FIFO or device. Raises ValueError for those."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        os.close(handle)
-        raise ValueError("not a regular file")
-    return open(handle, "rb")
 
 
 def parse_yaml(
@@ -87,9 +63,9 @@ def parse_yaml(
         raise error(f"{where}: not UTF-8 text (byte {reason.start})") from None
     except MarkedYAMLError as reason:
         line = f"line {reason.problem_mark.line + 1}: " if reason.problem_mark else ""
-        raise error(f"{where}: {line}{_one_line(reason.problem or reason.context)}") from None
+        raise error(f"{where}: {line}{one_line(reason.problem or reason.context)}") from None
     except (YAMLError, ValueError) as reason:
-        raise error(f"{where}: {_one_line(reason)}") from None
+        raise error(f"{where}: {one_line(reason)}") from None
     return data
 
 
@@ -114,9 +90,12 @@ def validate(
     data: object,
     *,
     where: str,
+    at: str = "",
     error: type[ElastError] = ConfigError,
 ) -> Model:
     """`data` (plain, as read from YAML) as a `model`; `where` names its source in errors.
+
+    `at` is the key under which the source has it, if that is not the top.
 
     Raises:
         error: one line with the field, the value and what is allowed.
@@ -128,7 +107,7 @@ def validate(
         details = failure.errors(include_url=False)
         first = details[0]
         loc = tuple(first["loc"])
-        field = ".".join(map(str, loc)) or "top level"
+        field = ".".join(map(str, (at, *loc) if at else loc)) or "top level"
         if first["type"] == "extra_forbidden":
             reason = f"unknown key{_key_hint(model, loc)}"
         elif first["type"] == "missing":
@@ -137,13 +116,7 @@ def validate(
             message = first["msg"].removeprefix("Value error, ")
             reason = f"{message}, got {_short(first['input'])}"
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-        raise error(_one_line(f"{where}: {field}: {reason}{more}")) from None
-
-
-def suggestion(word: str, choices: typing.Iterable[str]) -> str:
-    """` (did you mean 'x'?)` for the closest choice, or an empty string."""
-    close = difflib.get_close_matches(word, list(choices), n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
+        raise error(one_line(f"{where}: {field}: {reason}{more}")) from None
 
 
 def _refuse_unsafe(text: str) -> None:
@@ -219,7 +192,3 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
 def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _one_line(reason: object) -> str:
-    return " ".join(str(reason).split())[:500]

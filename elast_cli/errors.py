@@ -6,6 +6,7 @@ A goal that is not reached is a value, never an error.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 
@@ -61,3 +62,11 @@ class ConfigError(ElastError):
     """A bad key or value in a configuration file or in `--set`."""
 
     exit_code = 78
+
+
+def suggestion(word: str, choices: Iterable[str]) -> str:
+    """` (did you mean 'x'?)` for the closest choice, or an empty string."""
+    import difflib
+
+    close = difflib.get_close_matches(word, list(choices), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""

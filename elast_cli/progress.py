@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 Advance = Callable[[int], None]
@@ -12,8 +13,14 @@ Advance = Callable[[int], None]
 class Progress(Protocol):
     """Sink for progress and remarks; the command line shows them on stderr."""
 
-    def task(self, label: str, total: int) -> AbstractContextManager[Advance]:
-        """Open a bar of `total` steps; the yielded function advances it by n steps."""
+    def task(self, label: str, total: int, done: int = 0) -> AbstractContextManager[Advance]:
+        """Open a bar of `total` steps; the yielded function advances it by n steps.
+
+        Args:
+            label: what is counted.
+            total: steps of the whole task.
+            done: those that an earlier run did; they do not count towards the rate.
+        """
         ...
 
     def note(self, text: str) -> None:
@@ -21,17 +28,39 @@ class Progress(Protocol):
         ...
 
 
+def ignore(_steps: int) -> None:
+    """Count nothing."""
+
+
 class Silent:
     """Progress that nobody watches: workers, tests and library use."""
 
     @contextmanager
-    def task(self, label: str, total: int) -> Iterator[Advance]:
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
         """Accept steps and show nothing."""
-
-        def advance(_steps: int) -> None:
-            return
-
-        yield advance
+        yield ignore
 
     def note(self, text: str) -> None:
         """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Within:
+    """Progress inside a task: the steps of all tasks that are opened here are steps of that one.
+
+    Attributes:
+        outer: where notes go.
+        advance: of the task.
+    """
+
+    outer: Progress
+    advance: Advance
+
+    @contextmanager
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
+        """Count steps towards the outer task."""
+        yield self.advance
+
+    def note(self, text: str) -> None:
+        """Say one line."""
+        self.outer.note(text)

@@ -1,7 +1,7 @@
 """Record what a checkout computes, to the bit, and compare two such records.
 
-    python tests/record_digests.py --source DIR --out FILE.json
-    python tests/record_digests.py --compare A.json B.json
+    python -m tests.record_digests --source DIR --out FILE.json
+    python -m tests.record_digests --compare A.json B.json
 
 Make one record before a change and one after it, on the same machine: training and planning give
 other bits on another processor. The script drives elast by its command line alone and reads
@@ -27,7 +27,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from published_digests import (
+
+from tests.published_digests import (
     KINDS,
     Digests,
     columns,

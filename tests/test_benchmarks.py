@@ -14,14 +14,21 @@ from benchmarks.document import Document, Figure, machine, report, table
 from benchmarks.rrt_star import GOAL, RANGE, START, Plane
 from benchmarks.serial import SerialPlan, SerialTree
 from benchmarks.trained import QUICK, Bench
-from elast_cli.envs import spec
+from elast_cli.envs.registry import task_info
 from elast_cli.planners.base import Limits, Plan, Query, Radii
-from elast_cli.planners.elast import ElastPlanner, Search, TreeConfig
+from elast_cli.planners.tree.config import (
+    ActionsConfig,
+    BatchConfig,
+    RewireConfig,
+    SamplingConfig,
+    TreeConfig,
+)
+from elast_cli.planners.tree.search import ElastPlanner, Search
 from elast_cli.shapes import Float32
 
 LIMITS = Limits(min_log_density=-0.5, max_round_trip=1e-3)
 RADII = Radii(neighbor=RANGE, goal=0.05, crowding=RANGE / 2, duplicate=0.01)
-CONFIG = TreeConfig(expansions=4000, batch_min=1, batch_max=1)
+CONFIG = TreeConfig(expansions=4000, batch=BatchConfig(min=1, max=1))
 TINY = replace(
     QUICK,
     overrides=(
@@ -124,14 +131,14 @@ def test_the_serial_tree_obeys_the_laws() -> None:
 
 
 def test_the_serial_search_rewires_and_keeps_its_bounds() -> None:
-    rewired, unrewired = planned(1)[0], planned(1, rewire=False)[0]
+    rewired, unrewired = planned(1)[0], planned(1, rewire=RewireConfig(enabled=False))[0]
     assert rewired.depth[: rewired.size].mean() < 0.8 * unrewired.depth[: unrewired.size].mean()
     assert planned(1, max_nodes=50)[0].size == 50
     with pytest.raises(ValueError, match="near"):
-        planned(1, crowding="reachable")
+        planned(1, sampling=SamplingConfig(crowding="reachable"))
     for name in ("steer_goal", "steer_sparse"):
         with pytest.raises(ValueError, match=name):
-            planned(1, **{name: 0.1})
+            planned(1, actions=ActionsConfig.model_validate({name: 0.1}))
 
 
 def test_an_exponent_is_the_slope_between_logarithms() -> None:
@@ -144,7 +151,7 @@ def test_budgets_are_about_what_plans_cost() -> None:
     assert budgets.settings("cpc-cem", 20_000) == ["cem.num_samples=66", "cem.topk=6"]
     row = {"env": "block-s", "level": "hard", "steps": 7, "network_calls_per_step": 3.0}
     assert budgets.transitions(row) == 21
-    most = spec("block-s").env_class.level("hard").max_steps
+    most = task_info("block-s").level("hard").max_steps
     assert budgets.transitions(row | {"steps": None}) == 3 * most
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elast_cli.envs import make, scenarios
-from elast_cli.methods import load_models
-from elast_cli.models.inference import FrameEncoder
+from elast_cli.envs.registry import make_simulated, scenarios
+from elast_cli.inference.frames import FrameEncoder
+from elast_cli.methods.loading import load_models
+from elast_cli.models.encoder.cpc import Representation
 from elast_cli.shapes import FRAMES
-from elast_cli.store import Store
+from elast_cli.store.store import Store
 
 HOME = Path(__file__).parents[1] / "docs" / "results" / "models"
 TASKS = sorted(path.name for path in (HOME / "artifacts").glob("[!.]*"))
@@ -34,16 +35,17 @@ def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task:
     for folder in folders.values():
         assert all(file.stat().st_size < MOST for file in folder.iterdir())
     models = load_models(folders, "cpu")
-    env = make(task, {})
+    env = make_simulated(task, {})
     level = next(iter(env.levels))
     frames, images = [], []
     for scenario in scenarios(task, level, seed=0, count=2, domain="scenario-test"):
         for state in (scenario.start, scenario.goal):
             env.set_state(state, scenario.layout)
             frames.append(np.repeat(env.frame()[None], FRAMES, axis=0))
-            if models.context:
+            if "context" in models.parts:
                 images.append(env.context)
     background = np.array(images) if images else None
-    z = FrameEncoder(models.encoder.encoder)(np.stack(frames), background)
+    representation = models.part("encoder", Representation)
+    z = FrameEncoder(representation.encoder)(np.stack(frames), background)
     gaps = np.linalg.norm(z[:, None] - z[None], axis=-1)[np.triu_indices(4, 1)]
-    assert gaps.min() > models.encoder.step_length(0.5)
+    assert gaps.min() > representation.step_length(0.5)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from elast_cli.config import StrictModel, dump_yaml, parse_yaml, read_yaml, suggestion, validate
-from elast_cli.errors import ConfigError, DataError, MissingInputError
+from elast_cli.config import StrictModel, dump_yaml, parse_yaml, read_yaml, validate
+from elast_cli.errors import ConfigError, DataError, MissingInputError, suggestion
 
 
 class PlannerConfig(StrictModel):

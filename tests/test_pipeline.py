@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 
-from elast_cli import cli
-from elast_cli.dataset import column_digests
+from elast_cli.cli import app as cli
+from elast_cli.data.layout import column_digests
 from elast_cli.stages import evaluate
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import Ref
+from elast_cli.store.store import Store
 
 ENV = ["--env", "block-s", "--preset", "quick"]
 TINY = [

@@ -12,7 +12,9 @@ import numpy as np
 from PIL import Image
 
 from elast_cli import preset
-from elast_cli.envs import ENVS, EnvSpec, RandomPolicy, collect_episode, make, scenarios
+from elast_cli.control.collection import collect_episode
+from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.registry import ENVS, EnvSpec, make_simulated, scenarios
 
 SCALE, GAP = 2, 4
 
@@ -26,14 +28,14 @@ def row(frames: list[np.ndarray]) -> np.ndarray:
 
 def strip(entry: EnvSpec) -> Image.Image:
     """The picture of one environment."""
-    env = make(entry.name)
+    env = make_simulated(entry.name)
     upper: list[np.ndarray] = []
-    count = 4 // len(entry.levels)
-    for level in entry.levels:
+    count = 4 // len(env.levels)
+    for level in env.levels:
         for scenario in scenarios(entry.name, level, seed=0, count=count, domain="scenario-val"):
             frame, info = env.reset(options={"scenario": scenario})
             upper += [frame, info["goal"]]
-    policy = RandomPolicy(entry.action_size, preset.load("standard", entry.name).collect.policy)
+    policy = RandomPolicy(env.action_size, preset.load("standard", entry.name).collect.policy)
     episode = collect_episode(env, seed=0, index=0, length=50, policy=policy)
     lower = list(episode.pixels[::6][: len(upper)])
     width = min(len(upper), len(lower))

@@ -1,294 +1,97 @@
-"""What every environment offers the tool: one gymnasium class, scenarios, and random collection."""
+"""What the tool asks of an environment: gymnasium's interface, RGB frames, and a `TaskInfo`."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, SupportsFloat
+from dataclasses import dataclass
+from typing import Any, Protocol, SupportsFloat, runtime_checkable
 
-import gymnasium
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
-from elast_cli.config import StrictModel
-from elast_cli.dataset import Episode
-from elast_cli.errors import ConfigError, UsageError
-from elast_cli.seeding import generator
-
-Frame = NDArray[np.uint8]
-Vector = NDArray[np.float32]
-
-FRAME_SIZE = 64
-
-
-def empty_layout() -> Vector:
-    """The layout of an environment whose obstacles never change: f32 [0]."""
-    return np.zeros(0, dtype=np.float32)
+from elast_cli.envs.scenario import Frame, Level, Scenario, Vector
+from elast_cli.errors import UsageError
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """One evaluation task. States and layout are in the environment's own units.
+class TaskInfo:
+    """What the tool knows of a task; an environment instance describes itself by it.
 
     Attributes:
-        start: state at step 0, f32 [S]; never within the success radius of the goal.
-        goal: state to reach, f32 [S].
-        level: the level whose rules it obeys.
-        index: which scenario of its seed.
-        seed: the scenario seed.
-        layout: obstacles of this scenario, f32 [L]; L = 0 where they never change.
-        shortest: least number of steps to the success region, None where it cannot be computed.
+        action_size: size A of an action.
+        state_names: names of the S numbers in `info["state"]`.
+        has_context: whether `info["context"]` holds an image of what differs between episodes.
+        levels: levels by name, the easiest first, each with its time limit.
+        success_radius: greatest distance to the goal that counts as success, None if unknown.
+        unit: unit of `success_radius`.
+        frames: how many successive frames show a whole state; 1 where nothing moves by itself.
     """
 
-    start: Vector
-    goal: Vector
-    level: str
-    index: int
-    seed: int
-    layout: Vector = field(default_factory=empty_layout)
-    shortest: int | None = None
-
-
-@dataclass(frozen=True)
-class Level:
-    """A difficulty of an environment.
-
-    Attributes:
-        name: the word given to `--level`.
-        max_steps: steps an episode may take.
-        min_shortest: least shortest number of steps of its scenarios, None where not computable.
-        max_shortest: greatest shortest number of steps of its scenarios, None likewise.
-        about: one line for people.
-    """
-
-    name: str
-    max_steps: int
-    min_shortest: int | None
-    max_shortest: int | None
-    about: str
-
-
-class ElastEnv(gymnasium.Env[Frame, Vector]):
-    """A reaching task seen through 64x64 RGB frames; actions lie in [-1, 1]^A.
-
-    `step` clips the action to the box, never terminates (an episode runs to its time limit) and
-    reports success at every step in `info["success"]`; the reward is 1 while successful, else 0.
-    `info` also holds `goal` (frame u8 [64, 64, 3]), `state` (f32 [S]) and, where the environment
-    has one, `context` (u8 image).
-
-    `reset(options=...)` takes one of {"scenario": Scenario}, {"level": name} (drawn at random) and
-    {"collect": True}: a random free start as in data collection, where the goal has no meaning and
-    shows the start.
-    """
-
-    metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by gymnasium)
-        "render_modes": ["rgb_array"],
-        "render_fps": 10,
-    }
-    state_names: ClassVar[tuple[str, ...]]
-    action_size: ClassVar[int]
-    levels: ClassVar[dict[str, Level]]
-
-    def __init__(
-        self, config: StrictModel | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Set the spaces; an environment narrows `config` to its own class.
-
-        `render_mode` is None or "rgb_array"; they behave alike.
-        """
-        self.config = config
-        self.render_mode = render_mode
-        self.observation_space = gymnasium.spaces.Box(0, 255, (FRAME_SIZE, FRAME_SIZE, 3), np.uint8)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-        self._goal: Vector | None = None
-        self._goal_frame: Frame | None = None
+    action_size: int
+    state_names: tuple[str, ...]
+    has_context: bool
+    levels: Mapping[str, Level]
+    success_radius: float | None = None
+    unit: str | None = None
+    frames: int = 1
 
     @property
-    @abstractmethod
-    def success_radius(self) -> float:
-        """Greatest `distance` to the goal that counts as success."""
+    def max_steps(self) -> int:
+        """Steps of the longest level."""
+        return max(level.max_steps for level in self.levels.values())
 
     @property
-    @abstractmethod
-    def state(self) -> Vector:
-        """The true state, f32 [S], a copy; for scenarios, probes, reports; never for planning."""
+    def hardest(self) -> Level:
+        """The last level."""
+        return list(self.levels.values())[-1]
 
-    @property
-    def context(self) -> Frame | None:
-        """Raw image of what is constant in an episode, None where no two episodes differ in it."""
-        return None
-
-    @abstractmethod
-    def set_state(self, state: Vector, layout: Vector) -> None:
-        """Put the world into a state f32 [S] and layout f32 [L], forgetting what was before."""
-
-    @abstractmethod
-    def advance(self, action: Vector) -> None:
-        """Let one step of simulated time pass under an action f32 [A] inside the box."""
-
-    @abstractmethod
-    def frame(self) -> Frame:
-        """A new image of the current state, u8 [64, 64, 3]."""
-
-    @abstractmethod
-    def distance(self, state: Vector, goal: Vector) -> float:
-        """Distance between two states, in the unit of `success_radius`."""
-
-    @abstractmethod
-    def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
-        """A random free state f32 [S] and layout f32 [L] from which to collect."""
-
-    @abstractmethod
-    def sample_scenario(
-        self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
-    ) -> Scenario:
-        """A random scenario of a level; `index` and `seed` are only noted in it."""
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Frame, dict[str, Any]]:
-        """First frame and info of a new episode; without options a scenario of the last level.
-
-        Raises:
-            UsageError: if an option or a level is unknown.
-        """
-        super().reset(seed=seed)
-        scenario = self._scenario(options or {})
-        self.set_state(scenario.goal, scenario.layout)
-        self._goal, self._goal_frame = scenario.goal.copy(), self.frame()
-        self.set_state(scenario.start, scenario.layout)
-        return self.frame(), self._info()
-
-    def step(self, action: Vector) -> tuple[Frame, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Frame, reward, False, False and info after one action, clipped to the box.
-
-        Raises:
-            ValueError: if the action has another shape or is not finite.
-        """
-        command = np.asarray(action, dtype=np.float32)
-        if command.shape != (self.action_size,) or not np.isfinite(command).all():
-            raise ValueError(f"action {action!r}: expected {self.action_size} finite numbers")
-        self.advance(np.clip(command, np.float32(-1), np.float32(1)))
-        info = self._info()
-        return self.frame(), float(info["success"]), False, False, info
-
-    @classmethod
-    def level(cls, name: str) -> Level:
+    def level(self, name: str) -> Level:
         """The level of that name.
 
         Raises:
             UsageError: naming the choices.
         """
-        if name not in cls.levels:
-            raise UsageError(f"unknown level {name!r}: choose {' or '.join(cls.levels)}")
-        return cls.levels[name]
-
-    def render(self) -> Frame:
-        """The current image, u8 [64, 64, 3]."""
-        return self.frame()
-
-    def _scenario(self, options: Mapping[str, Any]) -> Scenario:
-        known = ("scenario", "level", "collect")
-        unknown = [key for key in options if key not in known]
-        if unknown or len(options) > 1:
-            raise UsageError(f"reset options {sorted(options)}: give one of {', '.join(known)}")
-        if "scenario" in options:
-            scenario = options["scenario"]
-            if not isinstance(scenario, Scenario):
-                raise UsageError(f"reset option scenario: expected a Scenario, not {scenario!r}")
-            return scenario
-        if options.get("collect"):
-            return self._free_scenario(self.np_random)
-        return self.sample_scenario(options.get("level", list(self.levels)[-1]), self.np_random)
-
-    def _free_scenario(self, rng: np.random.Generator) -> Scenario:
-        start, layout = self.sample_start(rng)
-        return Scenario(
-            start=start, goal=start.copy(), level="collect", index=0, seed=0, layout=layout
-        )
-
-    def _info(self) -> dict[str, Any]:
-        if self._goal is None or self._goal_frame is None:
-            raise gymnasium.error.ResetNeeded("call reset() before step()")
-        state = self.state
-        info: dict[str, Any] = {
-            "goal": self._goal_frame.copy(),
-            "success": bool(self.distance(state, self._goal) <= self.success_radius),
-            "state": state,
-        }
-        if self.context is not None:
-            info["context"] = self.context
-        return info
+        if name not in self.levels:
+            raise UsageError(f"unknown level {name!r}: choose {' or '.join(self.levels)}")
+        return self.levels[name]
 
 
-class Draws:
-    """Counts random draws in search of something, so that no search goes on for ever."""
+class ElastEnv(Protocol):
+    """A task seen through 64x64 RGB frames; actions lie in [-1, 1]^A.
 
-    def __init__(self, what: str, most: int = 100_000) -> None:
-        """Remember what is looked for, and how many draws are made at most."""
-        self._what, self._most, self._made = what, most, 0
+    Any `gymnasium.Env` with a `task_info` can be one. All its randomness comes from `np_random`.
+    `reset` takes the options {"level": name} and {"collect": True}: a random start, as in data
+    collection, for which `info` need not hold a goal. An episode runs to its time limit, so that
+    holding the goal can be measured: `step` reports success in `info["success"]` and never
+    terminates.
 
-    def count(self) -> None:
-        """Another draw begins. Raises ConfigError: it is one too many."""
-        self._made += 1
-        if self._made > self._most:
-            raise ConfigError(
-                f"no {self._what} in {self._most:,} random draws: the configuration of the "
-                "environment leaves no room for one (--set env.*, or the preset's env section)"
-            )
-
-
-class RandomPolicyConfig(StrictModel):
-    """How random actions are drawn: long enough in one direction to cover ground."""
-
-    keep: float = Field(0.7, ge=0, le=1, description="chance that the last action is kept")
-    noise: float = Field(0.2, ge=0, description="standard deviation added to a kept action")
-
-
-class RandomPolicy:
-    """The collection policy: an action is kept with noise, or drawn anew from the whole box."""
-
-    def __init__(self, action_size: int, config: RandomPolicyConfig | None = None) -> None:
-        """Remember the action's size A and the configuration; call `reset` before `act`."""
-        self.action_size = action_size
-        self.config = config or RandomPolicyConfig()
-        self._action = np.zeros(action_size)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode with a fresh action."""
-        self._action = rng.uniform(-1.0, 1.0, self.action_size)
-
-    def act(self, rng: np.random.Generator) -> Vector:
-        """The next action, f32 [A] in [-1, 1]."""
-        if rng.random() < self.config.keep:
-            kept = self._action + self.config.noise * rng.standard_normal(self.action_size)
-            self._action = np.minimum(np.maximum(kept, -1.0), 1.0)  # np.clip takes thrice as long
-        else:
-            self._action = rng.uniform(-1.0, 1.0, self.action_size)
-        return self._action.astype(np.float32)
-
-
-def collect_episode(
-    env: ElastEnv, *, seed: int, index: int, length: int, policy: RandomPolicy
-) -> Episode:
-    """Episode `index` of a random collection: a function of (seed, index, length, configs) alone.
-
-    Returns:
-        pixels u8 [T+1, 64, 64, 3], action f32 [T+1, A] whose last row is NaN, state f32 [T+1, S],
-        with T = length; context is the environment's raw image or None.
+    `info` holds `state` (f32 [S]), `goal` (frame u8 [64, 64, 3]), `success` and, where the task
+    has one, `context` (u8 [64, 64, 3]).
     """
-    rng = generator("collect", seed, index)
-    start, layout = env.sample_start(rng)
-    env.set_state(start, layout)
-    policy.reset(rng)
-    pixels = np.empty((length + 1, FRAME_SIZE, FRAME_SIZE, 3), dtype=np.uint8)
-    action = np.full((length + 1, env.action_size), np.nan, dtype=np.float32)
-    state = np.empty((length + 1, len(env.state_names)), dtype=np.float32)
-    pixels[0], state[0] = env.frame(), env.state
-    for t in range(length):
-        action[t] = policy.act(rng)
-        env.advance(action[t])
-        pixels[t + 1], state[t + 1] = env.frame(), env.state
-    return Episode(pixels=pixels, action=action, state=state, context=env.context, seed_index=index)
+
+    np_random: np.random.Generator
+
+    @property
+    def task_info(self) -> TaskInfo:
+        """Sizes, levels and success of this instance's task."""
+        ...
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Frame, dict[str, Any]]:
+        """First frame and info of a new episode."""
+        ...
+
+    def step(self, action: Vector, /) -> tuple[Frame, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Frame, reward, terminated, truncated and info after one action f32 [A]."""
+        ...
+
+
+@runtime_checkable
+class DrawsScenarios(Protocol):
+    """An environment that can be evaluated: `reset` takes its scenarios as {"scenario": ...}."""
+
+    def sample_scenario(
+        self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
+    ) -> Scenario:
+        """A random scenario of a level; `index` and `seed` are only noted in it."""
+        ...

@@ -10,8 +10,46 @@ from torch import Tensor, nn
 
 from elast_cli.shapes import IMAGE_SIZE
 
+
+class ForwardModel(nn.Module):
+    """h_f: next latent as a residual, z + f(z, a, c)."""
+
+    def __init__(self, latent_size: int, action_size: int, context_size: int, width: int) -> None:
+        super().__init__()
+        self.latent_size = latent_size
+        self.net = mlp([latent_size + action_size + context_size, width, width, latent_size])
+
+    def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
+        """[M,Z], [M,A], [M,C] -> [M,Z]."""
+        delta: Tensor = self.net(torch.cat([z, action, context], dim=1))
+        return z + delta.float()
+
+
+class LatentScale(nn.Module):
+    """Statistics of the training latents that make the later models' inputs of order one."""
+
+    mean: Tensor
+    std: Tensor
+    step: Tensor
+
+    def __init__(self, latent_size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(latent_size))
+        self.register_buffer("std", torch.ones(latent_size))
+        self.register_buffer("step", torch.ones(latent_size))
+
+    def fit(self, z: Tensor, z_next: Tensor) -> None:
+        """Set mean and deviation [Z] of latents and the root mean square [Z] of observed steps."""
+        self.mean.copy_(z.mean(0))
+        self.std.copy_(z.std(0).clamp_min(1e-6))
+        self.step.copy_((z_next - z).square().mean(0).sqrt().clamp_min(1e-6))
+
+    def forward(self, z: Tensor) -> Tensor:
+        """Standardise latents [..., Z]."""
+        return (z - self.mean) / self.std
+
+
 QUANTILE_GRID = 1001
-MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 FAINT = 0.003  # share of the strongest colour's variance below which a colour is noise
 
 
@@ -55,12 +93,12 @@ class PooledImages(nn.Module):
 
     def fit_normalization(self, features: Tensor) -> None:
         """Set the mean image, the global scale and colours from preprocessed frames [N,3,S,S]."""
-        sample = features.float()
-        self.mean.copy_(sample.mean(0))
-        change = sample - self.mean
+        change = features.float()
+        self.mean.copy_(change.mean(0))
+        change -= self.mean  # in place: a sample of frames may be a gigabyte
         self.scale.copy_(change.square().mean().sqrt().clamp_min(1e-3))
         if self.whiten:
-            self.colours.copy_(_whitening(change / self.scale))
+            self.colours.copy_(_whitening(change.div_(self.scale)))
 
     def normalized(self, features: Tensor) -> Tensor:
         """Preprocessed frames [...,3,S,S] without the mean image, of order one."""

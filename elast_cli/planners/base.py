@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -46,6 +46,37 @@ class Query:
 
 
 @dataclass(frozen=True)
+class PlanCost:
+    """Network calls of B rows; counted in place.
+
+    Attributes:
+        transitions: latent transitions predicted by one network [B] (m for an ensemble of m).
+        density_calls: evaluations of ψ [B].
+        policy_calls: evaluations of π [B].
+    """
+
+    transitions: Int64
+    density_calls: Int64
+    policy_calls: Int64
+
+    @classmethod
+    def zero(cls, rows: int) -> PlanCost:
+        """No calls yet."""
+        return cls(*(np.zeros(rows, np.int64) for _ in fields(cls)))
+
+    def add(self, other: PlanCost, rows: Int64) -> None:
+        """Count the calls of `other` [R] at `rows` [R]."""
+        for one in fields(self):
+            getattr(self, one.name)[rows] += getattr(other, one.name)
+
+    def plus(self, other: PlanCost, rows: Int64) -> PlanCost:
+        """A copy with the calls of `other` [R] at `rows` [R]."""
+        total = PlanCost(*(getattr(self, one.name).copy() for one in fields(self)))
+        total.add(other, rows)
+        return total
+
+
+@dataclass(frozen=True)
 class Plan:
     """B paths; row i depends on query row i alone, its seed included.
 
@@ -54,24 +85,18 @@ class Plan:
         actions: [B,T-1,A], the action of each step.
         length: number of states in each path [B].
         reached: whether the path ends within the goal radius [B].
-        transitions: latent transitions predicted by one network [B] (m for an ensemble of m).
-        density_calls: evaluations of ψ [B].
-        policy_calls: evaluations of π [B].
-        repeatable: whether the same query always gives this plan; a time budget makes it not so.
+        cost: network calls of each row.
         memory: what the planner would like to see again when it replans [B], or nothing.
-        barred: rows whose path does not arrive, and which what had failed was kept from.
+        blocked: rows whose path does not arrive, and whose failed transitions closed places.
     """
 
     states: Float32
     actions: Float32
     length: Int64
     reached: Bool
-    transitions: Int64
-    density_calls: Int64
-    policy_calls: Int64
-    repeatable: bool = True
+    cost: PlanCost
     memory: Sequence[object] = ()
-    barred: Sequence[int] = ()
+    blocked: Sequence[int] = ()
 
 
 class Planner(Protocol):
@@ -98,6 +123,13 @@ class World(Protocol):
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
         """Next latent [M,Z] of H_f and its variance [M]."""
+        ...
+
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Next latent [M,Z] in scenario `row` of H_f: cheap, and good for slopes.
+
+        Items of one call may share bits of rounding; equal calls give equal results.
+        """
         ...
 
     def features(self, z: Float32, row: Int64) -> Float32:

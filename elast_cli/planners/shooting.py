@@ -4,30 +4,28 @@ A tree finds ways round obstacles, but fills seven dimensions far too thinly to 
 given state. The last gap is a least squares problem of few equations and many unknowns: what the
 actions are to change by, so that the end of the path moves onto the goal. Gauss-Newton solves it,
 with H_f rolled out from the start and Levenberg-Marquardt damping against what is not linear.
+
+Slopes are differences of H_f by library products, path by path. H_f itself checks each change.
+Many paths are refined side by side, since small batches use a processor badly; none depends on
+another.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elast_cli.planners import reuse, tree
-from elast_cli.planners.base import Plan, Query, World
-from elast_cli.planners.elast import ElastPlanner
-from elast_cli.planners.tree import Forest
-from elast_cli.shapes import Float32, Float64
+from elast_cli.planners.base import World
+from elast_cli.shapes import Float32, Float64, Int64
 
-Step = Callable[[Float32, Float32], Float32]  # z [M,Z], a [M,A] -> z' [M,Z], row by row
+Step = Callable[[Float32, Float32], Float32]  # z [M,Z], a [M,A] -> z' [M,Z]
 
 DIFFERENCE = 0.1  # of a length unit, and of an action: H_f's kinks and errors are smaller
-DAMPINGS = 10.0 ** np.arange(-1, 5)  # tried at once, in units of the last one that helped
+DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the former do not help
 FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
-FIRST_ITERATIONS = 2  # of all paths of a tree; then half of them get twice as many, and so on
 ROUNDS = 3  # in which actions at their bounds are found
-BAND, BANDS = 8, 8  # steps of a band of depths, and how many bands have paths refined
-NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
 CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more
 LEAST_GAIN = 1e-3  # share of the squared gap below which another iteration is not worth it
 
@@ -38,65 +36,144 @@ class Shot:
 
     Attributes:
         states, actions: latents [T+1,Z] and actions [T,A].
+        goal: where it ought to end [Z].
+        row: its scenario.
         gap: how far from the goal it ends, in latent units.
-        transitions: steps of H_f that it took to find it.
+        damping: what helped last.
+        done: whether another iteration is not worth it.
+        transitions: predicted by one network to find it.
     """
 
     states: Float32
     actions: Float32
+    goal: Float32
+    row: int
     gap: float
-    transitions: int
+    damping: float = FIRST_DAMPING
+    done: bool = False
+    transitions: int = 0
 
 
-def roll(step: Step, start: Float32, actions: Float32) -> Float32:
-    """Latents [K,T+1,Z] from start [Z] under actions [K,T,A]."""
-    count, length, _ = actions.shape
-    states = np.empty((count, length + 1, len(start)), np.float32)
-    states[:, 0] = start
-    for t in range(length):
-        states[:, t + 1] = step(states[:, t], np.ascontiguousarray(actions[:, t]))
-    return states
+def shots(
+    world: World, starts: Float32, actions: Sequence[Float32], goals: Float32, rows: Int64
+) -> list[Shot]:
+    """The paths from starts [P,Z] under actions [T,A] each, towards goals [P,Z], as they are."""
+    found = roll(world, starts, actions, rows)
+    return [
+        Shot(
+            states=states,
+            actions=acts,
+            goal=goal,
+            row=int(row),
+            gap=length(states[-1] - goal),
+            transitions=len(acts) * world.members,
+        )
+        for states, acts, goal, row in zip(found, actions, goals, rows, strict=True)
+    ]
 
 
-def shot(step: Step, start: Float32, actions: Float32, goal: Float32) -> Shot:
-    """The path from start [Z] under actions [T,A] as they are."""
-    states = roll(step, start, actions[None])[0]
-    return Shot(states, actions, _length(states[-1] - goal), len(actions))
+def roll(world: World, starts: Float32, actions: Sequence[Float32], rows: Int64) -> list[Float32]:
+    """Latents [T+1,Z] of each path from starts [P,Z] under its actions [T,A], all side by side."""
+    order = np.argsort([-len(acts) for acts in actions], kind="stable")
+    lengths = np.array([len(actions[p]) for p in order])
+    longest = int(lengths.max(initial=0))
+    states = np.empty((len(order), longest + 1, starts.shape[1]), np.float32)
+    states[:, 0] = starts[order]
+    for t in range(longest):
+        n = int((lengths > t).sum())
+        action = np.stack([actions[p][t] for p in order[:n]])
+        z = np.ascontiguousarray(states[:n, t])
+        states[:n, t + 1] = world.step(z, action, rows[order[:n]])[0]
+    out: list[Float32] = [starts] * len(order)
+    for place, p in enumerate(order.tolist()):
+        out[p] = states[place, : lengths[place] + 1].copy()
+    return out
 
 
-def refined(step: Step, path: Shot, goal: Float32, *, unit: float, iterations: int) -> Shot:
-    """The path with actions that make it end nearer to the goal [Z]; never farther from it.
+def refined(world: World, paths: Sequence[Shot], *, unit: float, iterations: int) -> list[Shot]:
+    """The paths with actions that make them end nearer to their goals; none ends farther.
 
     Args:
-        step: H_f; of its rows none may depend on another.
-        path: where to begin.
-        goal: latent [Z].
+        world: H_f of the paths' scenarios.
+        paths: where to begin.
         unit: a length that counts as one, such as that of a median step.
-        iterations: of Gauss-Newton, at most.
+        iterations: of Gauss-Newton, at most, for each path.
     """
-    damping, spent = FIRST_DAMPING, path.transitions
-    start, length = path.states[0], len(path.actions)
-    inputs = len(start) + path.actions.shape[1]
-    for _ in range(iterations if length else 0):
-        if path.gap <= CLOSE * unit:
+    found = list(paths)
+    for _ in range(iterations):
+        at = [p for p, path in enumerate(found) if not _finished(path, unit)]
+        if not at:
             break
-        slope = end_slope(step, path, unit) / unit
-        wanted = (goal - path.states[-1]).astype(np.float64) / unit
-        dampings = damping * DAMPINGS
-        found = [_moved(path.actions, slope, wanted, m) for m in dampings]
-        actions = np.stack(found).astype(np.float32)
-        states = roll(step, start, actions)
-        gaps = [_length(end - goal) for end in states[:, -1]]
-        spent += length * (inputs + len(found))
-        best = int(np.argmin(gaps))
-        gain = 1 - (gaps[best] / path.gap) ** 2
-        if not gain > 0:
-            break
-        path = Shot(states[best], actions[best], gaps[best], spent)
-        if gain < LEAST_GAIN:
-            break
-        damping = max(LEAST_DAMPING, float(dampings[best]))
-    return Shot(path.states, path.actions, path.gap, spent)
+        slopes = {}
+        for p in at:
+            slopes[p] = _slope(world, found[p], unit) / unit
+            found[p] = _asked(world, found[p], found[p].states.shape[1] + world.action_size)
+        left = at
+        for factors in DAMPINGS:
+            left = _try(world, found, left, slopes, factors, unit) if left else left
+        for p in left:  # nothing helped
+            found[p] = replace(found[p], done=True)
+    return found
+
+
+def _finished(path: Shot, unit: float) -> bool:
+    return path.done or not len(path.actions) or path.gap <= CLOSE * unit
+
+
+def _slope(world: World, path: Shot, unit: float) -> Float64:
+    """How the end of a path moves with its actions [Z,T·A]."""
+
+    def step(z: Float32, action: Float32) -> Float32:
+        return world.sketch(z, action, path.row)
+
+    return end_slope(step, path, unit)
+
+
+def _try(
+    world: World,
+    found: list[Shot],
+    at: Sequence[int],
+    slopes: dict[int, Float64],
+    factors: Float64,
+    unit: float,
+) -> list[int]:
+    """Change the paths `at` by the best of some dampings; which of them none has helped."""
+    tried = [(p, damping) for p in at for damping in found[p].damping * factors]
+    actions = [_changed(found[p], slopes[p], damping, unit) for p, damping in tried]
+    rows = np.array([found[p].row for p, _ in tried])
+    starts = np.stack([found[p].states[0] for p, _ in tried])
+    states = roll(world, starts, actions, rows)
+    unhelped = []
+    for i, p in enumerate(at):
+        path = _asked(world, found[p], len(factors))
+        ours = range(i * len(factors), (i + 1) * len(factors))
+        gaps = [length(states[k][-1] - path.goal) for k in ours]
+        k = ours[int(np.argmin(gaps))]
+        gain = 1 - (min(gaps) / path.gap) ** 2
+        if gain > 0:
+            path = replace(
+                path,
+                states=states[k],
+                actions=actions[k],
+                gap=min(gaps),
+                damping=max(LEAST_DAMPING, float(tried[k][1])),
+                done=gain < LEAST_GAIN,
+            )
+        else:
+            unhelped.append(p)
+        found[p] = path
+    return unhelped
+
+
+def _asked(world: World, path: Shot, times: int) -> Shot:
+    """The path after H_f was asked so many times for each of its steps."""
+    asked = len(path.actions) * world.members * times
+    return replace(path, transitions=path.transitions + asked)
+
+
+def _changed(path: Shot, slope: Float64, damping: float, unit: float) -> Float32:
+    wanted = (path.goal - path.states[-1]).astype(np.float64) / unit
+    return _moved(path.actions, slope, wanted, damping).astype(np.float32)
 
 
 def end_slope(step: Step, path: Shot, unit: float) -> Float64:
@@ -138,146 +215,7 @@ def _moved(actions: Float32, slope: Float64, wanted: Float64, damping: float) ->
     return np.clip(flat + change, -1, 1).reshape(actions.shape)
 
 
-def _length(gap: Float32) -> float:
+def length(gap: Float32) -> float:
     """Euclidean length of a vector [Z]; infinite where H_f has overflown."""
     length = float(np.sqrt(np.square(gap, dtype=np.float64).sum()))
     return length if np.isfinite(length) else np.inf
-
-
-@dataclass(frozen=True)
-class ShootingPlanner:
-    """Trees for the way, shooting for its end.
-
-    What is left of the plan before is refined first: where it still leads to the goal, it is kept,
-    and no tree is grown. Else a tree is, and of its paths to the nodes nearest to the goal, each
-    of another length, and what is left, all refined, the shortest one is taken that reaches it.
-
-    A path ought to end within `goal` of the goal, and nearer to it than the start by a fifth: who
-    stands at the goal by all that latents tell, and yet has to plan, must try to come nearer, or
-    go away and come again.
-
-    Attributes:
-        tree: grows the trees.
-        unit: length of a median step, in latent units.
-        goal: how near to the goal a path ought to end, in latent units.
-        kept: how near what is left of a plan must end to be kept; no less than `goal`.
-    """
-
-    tree: ElastPlanner
-    unit: float
-    goal: float
-    kept: float
-
-    def plan(self, query: Query) -> Plan:
-        """One path a query row."""
-        world, rows = self.tree.world(query.context), len(query.start)
-        none = np.zeros(rows, np.int64)
-        memory: list[object] = list(query.memory or [None] * rows)
-        paths = [self._continued(world, query, b) for b in range(rows)]
-        spent = np.array([path.transitions * world.members for path in paths], np.int64)
-        density, policy = none, none.copy()
-        left = [self._ends_within(self.kept, paths[b], query, b) for b in range(rows)]
-        due = np.flatnonzero(~np.array(left, np.bool_))
-        if len(due):
-            search = self.tree.grow(query.at(due))
-            tally = search.tally
-            density[due], policy[due] = tally.density, tally.policy
-            spent[due] += tally.transitions
-            for i, b in enumerate(due.tolist()):
-                found = self._from_tree(world, search.forest, i, b)
-                spent[b] += sum(path.transitions for path in found) * world.members
-                paths[b] = self._best([paths[b], *found], query, b)
-                memory[b] = reuse.remember(search.forest, i) if self.tree.config.reuse else None
-        longest = max(len(path.states) for path in paths)
-        reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
-        return Plan(
-            states=np.stack([_lengthened(path.states, longest) for path in paths]),
-            actions=np.stack([_lengthened(path.actions, longest - 1) for path in paths]),
-            length=np.array([len(path.states) for path in paths]),
-            reached=reached,
-            transitions=spent,
-            density_calls=density,
-            policy_calls=policy,
-            repeatable=self.tree.config.time_budget is None,
-            memory=memory if self.tree.config.reuse else (),
-            barred=[
-                b
-                for b in due.tolist()
-                if len(query.failed) and len(query.failed[b]) and not reached[b]
-            ],
-        )
-
-    def _continued(self, world: World, query: Query, b: int) -> Shot:
-        """What is left of row b's plan, refined; staying where it is if nothing is left."""
-        left = np.zeros((0, world.action_size), np.float32)
-        if query.left is not None:
-            played = np.flatnonzero(query.left[b].any(1))
-            left = query.left[b, : played[-1] + 1] if len(played) else left
-        step, goal = _step(world, b), query.goal[b]
-        path = shot(step, query.start[b], np.clip(left, -1, 1), goal)
-        return refined(step, path, goal, unit=self.unit, iterations=self.tree.config.refine)
-
-    def _from_tree(self, world: World, forest: Forest, i: int, b: int) -> list[Shot]:
-        """Paths of tree i, which is row b's, to its nodes nearest to the goal, refined.
-
-        All of them by a few iterations, the better half by twice as many more, and so on.
-        """
-        config, start, goal = self.tree.config, forest.latent[i, 0], forest.goal[i]
-        step, paths = _step(world, b), []
-        for node in endings(forest, i, config.refine_paths):
-            actions = forest.action[i, tree.path_to(forest, i, node)[1:]]
-            paths.append(shot(step, start, np.clip(actions, -1, 1), goal))
-        dropped: list[Shot] = []
-        iterations, left = FIRST_ITERATIONS, config.refine
-        while left > 0 and paths:
-            iterations = min(iterations, left)
-            paths = [
-                refined(step, path, goal, unit=self.unit, iterations=iterations) for path in paths
-            ]
-            paths.sort(key=lambda path: path.gap)
-            half = (len(paths) + 1) // 2
-            paths, dropped = paths[:half], dropped + paths[half:]
-            left, iterations = left - iterations, 2 * iterations
-        return paths + dropped
-
-    def _ends_within(self, radius: float, path: Shot, query: Query, b: int) -> bool:
-        """Whether a path of row b ends within a radius of the goal, and nearer than it begins."""
-        return path.gap <= min(radius, NEARER * _length(query.start[b] - query.goal[b]))
-
-    def _best(self, paths: list[Shot], query: Query, b: int) -> Shot:
-        """The shortest of the paths that arrive; if none does, the one that ends nearest."""
-        arriving = [path for path in paths if self._ends_within(self.goal, path, query, b)]
-        if arriving:
-            return min(arriving, key=lambda path: len(path.actions))
-        if _length(query.start[b] - query.goal[b]) <= self.tree.radii.goal:
-            away = [path for path in paths if len(path.actions) > BAND]
-            paths = away or paths
-        return min(paths, key=lambda path: path.gap)
-
-
-def _step(world: World, b: int) -> Step:
-    """H_f in row b's scenario."""
-
-    def step(z: Float32, action: Float32) -> Float32:
-        return world.step(z, action, np.full(len(z), b))[0]
-
-    return step
-
-
-def endings(forest: Forest, b: int, count: int) -> list[int]:
-    """Of tree b's nodes nearest to the goal in each band of depths the nearest ones, `count`."""
-    size = forest.size[b]
-    band, distance = (forest.depth[b, :size] - 1) // BAND, forest.to_goal[b, :size]
-    found = []
-    for k in range(BANDS):
-        nodes = np.flatnonzero(band == k)
-        if len(nodes):
-            found.append(int(nodes[distance[nodes].argmin()]))
-    return sorted(found, key=lambda node: float(distance[node]))[:count]
-
-
-def _lengthened(x: Float32, length: int) -> Float32:
-    """Entries [T,...] up to `length`: the last one again, or zeros where there is none."""
-    more = length - len(x)
-    last = x[-1:] if len(x) else np.zeros((1, *x.shape[1:]), x.dtype)
-    return np.concatenate([x, np.repeat(last, more, 0)])

@@ -8,28 +8,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import elast_cli
-from elast_cli.dataset import compact, shard_path, write_shard
-from elast_cli.dataset_file import CHUNK_ROWS, read_head
-from elast_cli.envs import RandomPolicy, RandomPolicyConfig, collect_episode, make, spec
+from elast_cli.config import JsonDict
+from elast_cli.control.collection import CollectConfig, collect_episode
+from elast_cli.data.chunks import CHUNK_ROWS
+from elast_cli.data.layout import read_head
+from elast_cli.data.shards import compact, shard_path, write_shard
+from elast_cli.envs.random_policy import RandomPolicy, RandomPolicyConfig
+from elast_cli.envs.registry import make, spec
 from elast_cli.errors import DataError
-from elast_cli.manifest import JsonDict
-from elast_cli.publish import Run
-from elast_cli.stages.job import DataJob, Step
-from elast_cli.stages.workers import each
+from elast_cli.stages.job import Job, RecipeJob
+from elast_cli.store.run import Run
 
 ALGORITHM_VERSION = 1
 DATASET_FILE = "dataset.h5"
 SHARD_ROWS = 2048  # about so many, of episodes that are not longer
 
 
-def step(job: DataJob) -> Step:
+def recipe_job(job: Job) -> RecipeJob:
     """The dataset of a job."""
     config: JsonDict = {
-        "collect": job.config.collect.model_dump(mode="json"),
+        "collect": job.config.plain("collect"),
         "env": job.config.env,
     }
     recipe = job.recipe("dataset", config, {}, algorithm_version=ALGORITHM_VERSION, by_torch=False)
-    return Step(job, recipe, {}, lambda run: _collect(job, run))
+    return RecipeJob(job, recipe, {}, lambda run: _collect(job, run))
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,9 @@ class _Shard:
     path: Path
 
 
-def _collect(job: DataJob, run: Run) -> JsonDict:
+def _collect(job: Job, run: Run) -> JsonDict:
     began = time.monotonic()
-    collect = job.config.collect
+    collect = job.config.section("collect", CollectConfig)
     shards = [
         _Shard(
             env=job.env,
@@ -64,14 +66,13 @@ def _collect(job: DataJob, run: Run) -> JsonDict:
     there = collect.episodes - sum(len(shard.episodes) for shard in missing)
     if there:
         job.progress.note(f"collect: {there} episodes are there already")
-    with job.progress.task("collect (episodes)", collect.episodes) as advance:
-        advance(there)
-        for done in each(_collect_shard, missing, workers=job.workers):
+    with job.progress.task("collect (episodes)", collect.episodes, there) as advance:
+        for done in job.engine.each(_collect_shard, missing):
             advance(done)
     attrs: dict[str, str | int | float] = {
         "elast_version": elast_cli.__version__,
         "env": job.env,
-        "env_id": spec(job.env).gym_id,
+        "env_id": spec(job.env).gym_id or "",
         "seed": job.seed,
     }
     try:
@@ -109,7 +110,7 @@ def _is_there(shard: _Shard) -> bool:
 def _collect_shard(shard: _Shard) -> int:
     """Number of episodes written; each is the same whoever runs it, and may be run again."""
     env = make(shard.env, shard.config)
-    policy = RandomPolicy(env.action_size, shard.policy)
+    policy = RandomPolicy(env.task_info.action_size, shard.policy)
     episodes = (
         collect_episode(env, seed=shard.seed, index=index, length=shard.length, policy=policy)
         for index in shard.episodes

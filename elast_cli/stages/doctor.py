@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from elast_cli.engine.local import usable_cores
 from elast_cli.errors import UnavailableError
-from elast_cli.stages.workers import usable_cores
 
 if TYPE_CHECKING:
     from rich.table import Table

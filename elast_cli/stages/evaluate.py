@@ -13,26 +13,35 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import ValidationError
 
-from elast_cli.envs import Scenario, make, scenarios, spec
-from elast_cli.manifest import JsonDict
-from elast_cli.methods import method_named
-from elast_cli.progress import Silent
-from elast_cli.publish import Run, whole_file
-from elast_cli.report import EpisodeRow
+from elast_cli.config import JsonDict
+from elast_cli.envs.registry import make, scenarios
+from elast_cli.envs.scenario import Scenario
+from elast_cli.evaluation.rows import EpisodeRow
+from elast_cli.files import whole_file
+from elast_cli.methods.table import method_named
+from elast_cli.progress import Within
 from elast_cli.seeding import derived_seed
-from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
-from elast_cli.stages.resolve import resolve
-from elast_cli.stages.results import write_results
-from elast_cli.stages.workers import each
-from elast_cli.store import Ref, Store
+from elast_cli.stages.job import (
+    Job,
+    RecipeJob,
+    limit_threads,
+    note_if_unrepeatable,
+    time_budget,
+    verify_files,
+)
+from elast_cli.stages.presets import EvalConfig
+from elast_cli.stages.report import write_results
+from elast_cli.stages.resolve import overrides, resolve
+from elast_cli.store.manifest import Ref
+from elast_cli.store.run import Run
 
 if TYPE_CHECKING:
-    from elast_cli.control import Trace
+    from elast_cli.control.episodes import Trace
 
-ALGORITHM_VERSION = 10
+ALGORITHM_VERSION = 11
 
 
-def step(job: Job, method: str, levels: Sequence[str]) -> Step:
+def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:
     """The evaluation of one method on some levels.
 
     Raises:
@@ -40,20 +49,19 @@ def step(job: Job, method: str, levels: Sequence[str]) -> Step:
         MissingInputError: a model that the method needs is not made yet.
     """
     entry = method_named(method)
-    known = spec(job.env).env_class
-    inputs = resolve(job, entry.needs)
-    settings = job.config.eval
+    inputs = resolve(job.of_method(entry), entry.parts)
+    settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
-        "sections": entry.sections(job.config),
+        "sections": entry.settings(job.config),
         "env": job.config.env,
-        "levels": {level: known.level(level).max_steps for level in levels},
+        "levels": {level: job.task_info.level(level).max_steps for level in levels},
         "episodes": settings.episodes,
         "scenario_seed": settings.scenario_seed,
         "domain": settings.domain,
     }
     recipe = job.recipe("eval", config, inputs, algorithm_version=ALGORITHM_VERSION)
-    return Step(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
+    return RecipeJob(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
 
 
 @dataclass(frozen=True)
@@ -74,32 +82,43 @@ def _evaluate(
     note_if_unrepeatable(job, method_named(method))
     verify_files(job.store, inputs)  # once, before any worker reads them
     every = [scenario for level in levels for scenario in _scenarios(job, level)]
-    missing = [s for s in every if _read_row(run.work, s.level, s.index) is None]
-    chunks = _chunks(replace(job, progress=Silent()), method, inputs, missing, run.work)
-    with job.progress.task(f"{method} (episodes)", len(every)) as advance:
-        advance(len(every) - len(missing))
-        for done in each(_run_chunk, chunks, workers=job.workers):
-            advance(done)
+    _run_missing(job, method, inputs, every, run.work)
     rows = [row for s in every if (row := _read_row(run.work, s.level, s.index))]
     assert len(rows) == len(every)
     for level in levels:
         _draw(run, method, level, [row for row in rows if row.level == level])
     lineage = {role: str(ref) for role, ref in inputs.items()}
-    overall = write_results(run.staging, rows, lineage=lineage, settings=run.recipe.config)
+    found = overrides(job.of_method(method_named(method)), inputs.values())
+    settings: JsonDict = {**run.recipe.config, "overrides": list(found)}
+    overall = write_results(run.staging, rows, lineage=lineage, settings=settings)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
-    metrics["repeatable"] = method_named(method).repeatable(job.config)
+    metrics["repeatable"] = time_budget(job, method_named(method)) is None
     return {**metrics, "episodes": len(rows), "wall_s": round(time.monotonic() - began, 3)}
 
 
-def verify_files(store: Store, inputs: Mapping[str, Ref]) -> None:
-    """Raise DataError unless every file of every input is as its manifest says."""
-    for ref in inputs.values():
-        for name in store.manifest(ref).files:
-            store.file(ref, name)
+def _run_missing(
+    job: Job, method: str, inputs: Mapping[str, Ref], every: Sequence[Scenario], folder: Path
+) -> None:
+    """Run those episodes whose row is not in `folder`; progress counts steps of their budgets."""
+    missing = [s for s in every if _read_row(folder, s.level, s.index) is None]
+    total, left = (sum(_budget(job, s) for s in some) for some in (every, missing))
+    chunks = _chunks(job, method, inputs, missing, folder)
+    with (
+        job.progress.task(f"{method} (steps)", total, total - left) as advance,
+        job.engine.relayed(Within(job.progress, advance), len(chunks)) as progress,
+    ):
+        sent = [replace(chunk, job=replace(job, progress=progress)) for chunk in chunks]
+        for _ in job.engine.each(_run_chunk, sent):
+            pass
+
+
+def _budget(job: Job, scenario: Scenario) -> int:
+    """Most steps of an episode."""
+    return job.task_info.level(scenario.level).max_steps
 
 
 def _scenarios(job: Job, level: str) -> list[Scenario]:
-    settings = job.config.eval
+    settings = job.config.section("eval", EvalConfig)
     return scenarios(
         job.env,
         level,
@@ -115,9 +134,10 @@ def _chunks(
 ) -> list[_Chunk]:
     """Episodes of one level each, as many as run side by side, equally many for every worker."""
     found = []
+    beside = job.config.section("eval", EvalConfig).num_envs
     for level in dict.fromkeys(scenario.level for scenario in missing):
         of_level = [scenario for scenario in missing if scenario.level == level]
-        rounds = -(-len(of_level) // (job.config.eval.num_envs * job.workers))
+        rounds = -(-len(of_level) // (beside * job.workers))
         size = -(-len(of_level) // (rounds * job.workers))
         found += [
             _Chunk(job, method, inputs, tuple(of_level[first : first + size]), folder)
@@ -126,25 +146,27 @@ def _chunks(
     return found
 
 
-def _run_chunk(chunk: _Chunk) -> int:
-    """Number of episodes run and written; an episode is the same whoever it runs beside."""
-    from elast_cli.control import run_episodes
-    from elast_cli.methods import context_reader, controller
+def _run_chunk(chunk: _Chunk) -> None:
+    """Run and write a few episodes; an episode is the same whoever it runs beside."""
+    from elast_cli.control.episodes import run_episodes
+    from elast_cli.methods.loading import controller
 
     job = chunk.job
     limit_threads(job.threads)
-    level = spec(job.env).env_class.level(chunk.scenarios[0].level)
+    max_steps = _budget(job, chunk.scenarios[0])
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
-    traces = run_episodes(
-        controller(chunk.method, folders, job.config, job.env, device=job.device, rows=len(envs)),
-        envs,
-        chunk.scenarios,
-        max_steps=level.max_steps,
-        seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
-        context=context_reader(folders, job.device),
-        keep_frames=True,
-    )
+    rows = len(envs)
+    with job.progress.task(chunk.method, rows * max_steps) as advance:
+        traces = run_episodes(
+            controller(chunk.method, folders, job.config, job.env, device=job.device, rows=rows),
+            envs,
+            chunk.scenarios,
+            max_steps=max_steps,
+            seeds=np.array([plan_seed(job, scenario) for scenario in chunk.scenarios]),
+            keep_frames=True,
+            advance=advance,
+        )
     kept: set[bool] = set()  # the first success and the first failure are drawn
     for scenario, trace in zip(chunk.scenarios, traces, strict=True):
         success = trace.steps is not None
@@ -152,7 +174,6 @@ def _run_chunk(chunk: _Chunk) -> int:
             kept.add(success)
             _write_frames(chunk.folder, scenario, trace)
         _write_row(chunk.folder, _row(job, chunk.method, scenario, trace))
-    return len(traces)
 
 
 def plan_seed(job: Job, scenario: Scenario) -> int:
@@ -162,6 +183,8 @@ def plan_seed(job: Job, scenario: Scenario) -> int:
 
 
 def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
+    log, b, length = trace.log, trace.row, max(trace.length, 1)
+    plans = int(log.plans[b])
     return EpisodeRow(
         env=job.env,
         level=scenario.level,
@@ -172,18 +195,15 @@ def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
         success=trace.steps is not None,
         steps=trace.steps,
         shortest=scenario.shortest,
-        plans=trace.plans,
-        plan_s=trace.plan_s / max(trace.plans, 1),
-        first_plan_s=trace.first_plan_s,
-        reached=trace.reached,
-        network_calls_per_step=trace.transitions / max(trace.length, 1),
-        density_calls_per_step=trace.density_calls / max(trace.length, 1),
-        policy_calls_per_step=trace.policy_calls / max(trace.length, 1),
+        plans=plans,
+        plan_s=float(log.seconds[b]) / max(plans, 1),
+        first_plan_s=float(log.first_seconds[b]),
+        reached=int(log.reached[b]),
+        network_calls_per_step=int(log.cost.transitions[b]) / length,
+        density_calls_per_step=int(log.cost.density_calls[b]) / length,
+        policy_calls_per_step=int(log.cost.policy_calls[b]) / length,
         held=trace.held,
     )
-
-
-# --- resumable state -----------------------------------------------------------------------------
 
 
 def _row_path(folder: Path, level: str, index: int) -> Path:
@@ -216,7 +236,7 @@ def _write_frames(folder: Path, scenario: Scenario, trace: Trace) -> None:
 
 def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None:
     """A film strip and an animation of the first success and of the first failure."""
-    from elast_cli.plots import animation, film_strip
+    from elast_cli.pictures.film import animation, film_strip
 
     left = {True: "success", False: "failure"}
     for row in rows:

@@ -7,25 +7,41 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elast_cli.comparison import Comparison, compare
-from elast_cli.errors import DataError, MissingInputError, UsageError
-from elast_cli.manifest import JsonDict
-from elast_cli.report import EpisodeRow, parse_results
-from elast_cli.store import LineageNode, Ref, Store
+from elast_cli.config import JsonDict
+from elast_cli.errors import DataError, MissingInputError, UsageError, suggestion
+from elast_cli.evaluation.comparison import Comparison, compare
+from elast_cli.evaluation.rows import Results
+from elast_cli.evaluation.summary import parse_results
+from elast_cli.models import parts
+from elast_cli.store.manifest import Ref
+from elast_cli.store.store import LineageNode, Store
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
     from rich.tree import Tree
 
-    from elast_cli.stages.job import Step
+    from elast_cli.stages.job import RecipeJob
 
 RESULTS_FILE = "results.json"
+WORLD = ("env", "levels", "domain")  # settings in which equal scenarios are equal
 _MOST_BYTES = 256 << 20  # of a results file
+_BYTES_A_BRACKET = 64  # results have one list or object in some hundred bytes
 
 
 def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
-    """One row an artifact: ref, preset, seed, size, when it was made, headline metrics."""
+    """One row an artifact: ref, preset, seed, size, when it was made, headline metrics.
+
+    Raises:
+        UsageError: a kind that there cannot be.
+        MissingInputError: $ELAST_HOME names no folder.
+    """
+    known = [*parts.kinds(), "plan", "eval", "report"]
+    if kind is not None and kind not in known:
+        hint = suggestion(kind, known)
+        raise UsageError(f"unknown kind {kind!r}{hint}; choose {', '.join(known)}")
+    if not store.home.is_dir():
+        raise MissingInputError(f"ELAST_HOME: {store.home} is no folder")
     rows: list[JsonDict] = []
     for ref in store.refs(env, kind):
         try:
@@ -77,12 +93,16 @@ def description(store: Store, text: str) -> JsonDict:
     }
 
 
-def _lineage(node: LineageNode) -> JsonDict:
+def _lineage(node: LineageNode, seen: set[Ref] | None = None) -> JsonDict:
+    """The lineage as plain data; the parents of an artifact stand where it comes first."""
+    seen = set() if seen is None else seen
+    again = node.ref in seen
+    seen.add(node.ref)
     return {
         "ref": str(node.ref),
         "role": node.role,
         "lost": node.lost,
-        "parents": [_lineage(parent) for parent in node.parents],
+        "parents": [] if again else [_lineage(parent, seen) for parent in node.parents],
     }
 
 
@@ -160,12 +180,31 @@ def refuse_damaged(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
-    """Paired differences of two evaluations or reports, B minus A."""
-    return compare(*(episode_rows(store, Ref.parse(text)) for text in (text_a, text_b)))
+    """Paired differences of two evaluations or reports, B minus A.
+
+    Raises:
+        DataError: they are of different worlds, so that equal numbers are not equal scenarios.
+    """
+    results = [read_results(store, Ref.parse(text)) for text in (text_a, text_b)]
+    for key in WORLD:
+        a, b = (found.settings.get(key) for found in results)
+        if key == "levels" and isinstance(a, dict) and isinstance(b, dict):
+            shared = a.keys() & b.keys()
+            a, b = ({level: steps[level] for level in shared} for steps in (a, b))
+        if a is not None and b is not None and a != b:
+            raise DataError(
+                f"{text_a} and {text_b} are of different worlds: "
+                f"{key} {_json(a)} against {_json(b)}"
+            )
+    return compare(*(found.per_episode for found in results))
 
 
-def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
-    """The episodes of an evaluation or a report.
+def _json(value: object) -> str:
+    return json.dumps(value, sort_keys=True)[:200]
+
+
+def read_results(store: Store, ref: Ref) -> Results:
+    """The results of an evaluation or a report.
 
     Raises:
         UsageError: the artifact is of another kind.
@@ -173,29 +212,36 @@ def episode_rows(store: Store, ref: Ref) -> list[EpisodeRow]:
     """
     if ref.kind not in ("eval", "report"):
         store.manifest(ref)  # says so if it does not exist at all
-        raise UsageError(f"{ref} is a {ref.kind}; compare takes eval or report refs: elast ls")
-    path = store.file(ref, RESULTS_FILE)
-    return parse_results(_read_json(path, ref)).per_episode
+        raise UsageError(f"{ref}: kind {ref.kind}; compare takes eval or report refs: elast ls")
+    return parse_results(_read_json(store.file(ref, RESULTS_FILE), ref))
+
+
+def texts(value: object) -> list[str]:
+    """The texts in a list that a results file holds, or none."""
+    return [str(item) for item in value] if isinstance(value, list) else []
 
 
 def _read_json(path: Path, ref: Ref) -> object:
     if path.stat().st_size > _MOST_BYTES:
         raise DataError(f"{ref}: {path.name} is larger than {_MOST_BYTES} bytes")
+    content = path.read_bytes()
+    if content.count(b"[") + content.count(b"{") > 1000 + len(content) // _BYTES_A_BRACKET:
+        raise DataError(f"{ref}: {path.name}: more lists and objects than results have")
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(content)
     except (ValueError, RecursionError) as reason:
         raise DataError(f"{ref}: {path.name}: not JSON ({reason})") from None
 
 
-def planned(step: Step) -> JsonDict:
-    """What a step would do."""
-    ref = step.published()
+def planned(wanted: RecipeJob) -> JsonDict:
+    """What carrying out a recipe job would do."""
+    ref = wanted.published()
     return {
-        "env": step.recipe.env,
-        "kind": step.recipe.kind,
+        "env": wanted.recipe.env,
+        "kind": wanted.recipe.kind,
         "published": str(ref) if ref else None,
-        "inputs": {role: str(parent) for role, parent in step.inputs.items()},
-        "recipe_digest": step.recipe.digest,
+        "inputs": {role: str(parent) for role, parent in wanted.inputs.items()},
+        "recipe_digest": wanted.recipe.digest,
     }
 
 
@@ -218,12 +264,13 @@ def made(store: Store, ref: Ref) -> JsonDict:
 
 
 def _table(*columns: str) -> Table:
+    """A table whose cells are never broken; `print_rich` shows records where it is too wide."""
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(columns))
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(column, no_wrap=True)
     return table
 
 

@@ -1,37 +1,49 @@
-"""A job is what every stage is given; a step is the one artifact that a stage makes of it."""
+"""A job is what every stage is given; a recipe job is one artifact that a stage makes of it."""
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from elast_cli.config import JsonDict
+from elast_cli.engine.base import Engine
+from elast_cli.engine.local import LocalEngine
+from elast_cli.envs.base import TaskInfo
+from elast_cli.envs.registry import task_info
 from elast_cli.errors import UnavailableError, UsageError
-from elast_cli.layers import DEFAULT, DataSections
-from elast_cli.manifest import JsonDict
+from elast_cli.models.parts import PARTS, closure
+from elast_cli.preset import DEFAULT, Preset
 from elast_cli.progress import Progress, Silent
-from elast_cli.publish import Run
-from elast_cli.store import Recipe, Ref, Store
+from elast_cli.store.manifest import Recipe, Ref
+from elast_cli.store.run import Run
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.methods import Method
-    from elast_cli.preset import Preset  # imports torch, which collecting does without
+    from elast_cli.methods.table import Method
+
+
+PLANNER = "planner"  # the section of methods that grow trees
 
 
 @dataclass(frozen=True)
-class DataJob:
-    """One environment, preset and seed, and how to run: as much as a dataset needs.
+class Job:
+    """One environment, preset and seed, and how to run.
 
     Attributes:
         store: where artifacts are.
         env: the environment's name.
         preset: the preset's name, part of the lineage.
-        config: its sections that data depend on, `--set` included.
+        config: all its sections, `--set` included.
         seed: of data, training and planner; part of the lineage.
+        changes: keys of parts' sections that a method changes, by kind; `config` has them.
+        method: the name of that method.
         device: "cpu" or "cuda", resolved; part of the recipe of whatever torch computes.
         threads: torch threads a process; part of such recipes too.
         workers: processes; never changes a result.
-        progress: who watches.
+        progress: where progress is shown.
         given: artifacts named on the command line, by role.
         wait: wait for another process that makes the same artifact.
         force: make it again even if it is there.
@@ -41,8 +53,10 @@ class DataJob:
     store: Store
     env: str
     preset: str
-    config: DataSections
+    config: Preset
     seed: int = 0
+    changes: Mapping[str, JsonDict] = field(default_factory=dict)
+    method: str = ""
     device: str = "cpu"
     threads: int = 1
     workers: int = 1
@@ -52,11 +66,36 @@ class DataJob:
     force: bool = False
     fresh: bool = False
 
+    @property
+    def engine(self) -> Engine:
+        """Where the tasks of this job run."""
+        return LocalEngine(self.workers)
+
+    @property
+    def task_info(self) -> TaskInfo:
+        """Sizes, levels and success of the task."""
+        return task_info(self.env, self.config.env)
+
     def flags(self) -> str:
         """The flags that lead another command to the same lineage."""
         words = f"--env {self.env}"
         words += f" --preset {self.preset}" if self.preset != DEFAULT else ""
         return words + (f" --seed {self.seed}" if self.seed else "")
+
+    def of_method(self, method: Method) -> Job:
+        """The same job with the parts of a method, which may differ from the preset's."""
+        changes = method.part_changes
+        if not changes:
+            return replace(self, method=method.name)
+        config = self.config.changed(changes, by=f"method {method.name}")
+        return replace(self, config=config, changes=changes, method=method.name)
+
+    def variant(self, kind: str) -> JsonDict:
+        """What this job changes in a part, or in one that it is made from."""
+        if not self.changes or kind not in PARTS:
+            return {}
+        made_from = closure([kind], has_context=self.task_info.has_context)
+        return {part: self.changes[part] for part in made_from if part in self.changes}
 
     def recipe(
         self,
@@ -75,6 +114,7 @@ class DataJob:
             preset=self.preset,
             config=config,
             parents={role: self.store.digest(ref) for role, ref in inputs.items()},
+            variant=self.variant(kind),
             device=self.device if by_torch else "cpu",
             threads=self.threads if by_torch else 1,
             algorithm_version=algorithm_version,
@@ -82,21 +122,14 @@ class DataJob:
 
 
 @dataclass(frozen=True)
-class Job(DataJob):
-    """The same with all sections of the preset."""
-
-    config: Preset
-
-
-@dataclass(frozen=True)
-class Step:
+class RecipeJob:
     """How one artifact is made: its recipe, its inputs, and the function that fills its folder.
 
     `make` writes the artifact's files into `run.staging`, keeps resumable state in `run.work`, and
     returns the metrics for the manifest.
     """
 
-    job: DataJob
+    job: Job
     recipe: Recipe
     inputs: Mapping[str, Ref]
     make: Callable[[Run], JsonDict]
@@ -137,8 +170,8 @@ def resolve_device(device: str) -> str:
     """
     if device not in ("auto", "cpu", "cuda"):
         raise UsageError(f"unknown device {device!r}; choose auto, cpu or cuda")
-    if device == "cpu":
-        return device
+    if device == "cpu" or (device == "auto" and not _has_cuda_driver()):
+        return "cpu"
     import torch
 
     if torch.cuda.is_available():
@@ -148,10 +181,25 @@ def resolve_device(device: str) -> str:
     return "cpu"
 
 
+def _has_cuda_driver() -> bool:
+    """Whether there may be a CUDA device; torch, which knows, takes seconds to import."""
+    if sys.platform != "linux":
+        return True
+    return any(os.path.exists(path) for path in ("/dev/nvidiactl", "/dev/dxg"))  # dxg: WSL
+
+
+def time_budget(job: Job, method: Method) -> float | None:
+    """Seconds that a plan may take at most: such plans are not repeatable. None: any time."""
+    if PLANNER not in method.sections:
+        return None
+    budget = method.configure(job.config).plain(PLANNER)["time_budget"]
+    return None if budget is None else float(str(budget))
+
+
 def note_if_unrepeatable(job: Job, method: Method) -> None:
     """Say so if a method's plans depend on how fast this machine happens to be."""
-    if not method.repeatable(job.config):
-        budget = job.config.planner.time_budget
+    budget = time_budget(job, method)
+    if budget is not None:
         job.progress.note(f"{method.name}: plans of at most {budget:g} s each are not repeatable")
 
 
@@ -160,3 +208,10 @@ def limit_threads(threads: int) -> None:
     import torch
 
     torch.set_num_threads(threads)
+
+
+def verify_files(store: Store, inputs: Mapping[str, Ref]) -> None:
+    """Raise DataError unless every file of every input is as its manifest says."""
+    for ref in inputs.values():
+        for name in store.manifest(ref).files:
+            store.file(ref, name)

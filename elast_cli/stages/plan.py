@@ -8,30 +8,43 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elast_cli.envs import Scenario, make, scenarios, spec
+from elast_cli.config import JsonDict
+from elast_cli.envs.base import ElastEnv
+from elast_cli.envs.registry import make, scenarios
+from elast_cli.envs.scenario import Scenario
+from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import UsageError
-from elast_cli.manifest import JsonDict
-from elast_cli.methods import METHODS, Method, context_of, load_models, method_named
-from elast_cli.publish import Run
+from elast_cli.methods.table import Method, method_named, needing
+from elast_cli.models.parts import PARTS
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
 from elast_cli.stages.collect import DATASET_FILE
-from elast_cli.stages.evaluate import plan_seed, verify_files
-from elast_cli.stages.job import Job, Step, limit_threads, note_if_unrepeatable
+from elast_cli.stages.evaluate import plan_seed
+from elast_cli.stages.job import (
+    PLANNER,
+    Job,
+    RecipeJob,
+    limit_threads,
+    note_if_unrepeatable,
+    verify_files,
+)
+from elast_cli.stages.presets import EvalConfig
 from elast_cli.stages.resolve import resolve
-from elast_cli.store import Ref, Store
+from elast_cli.store.manifest import Ref
+from elast_cli.store.run import Run
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
-    from elast_cli.explain import Explanation
+    from elast_cli.methods.explain import Distance, Explanation
 
-ALGORITHM_VERSION = 8
+ALGORITHM_VERSION = 9
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
 METRICS = ("reached", "steps", "nodes", "seconds", "repeatable")
 MOST_FRAMES = 38  # along the path, in the picture
 
 
-def step(job: Job, method: str, level: str, index: int) -> Step:
+def recipe_job(job: Job, method: str, level: str, index: int) -> RecipeJob:
     """The plan of one method for one scenario: the first that its evaluation would make.
 
     Raises:
@@ -39,12 +52,12 @@ def step(job: Job, method: str, level: str, index: int) -> Step:
         MissingInputError: a model is not made yet.
     """
     entry = _tree_method(method)
-    max_steps = spec(job.env).env_class.level(level).max_steps
-    inputs = resolve(job, ("dataset", *entry.needs))
-    settings = job.config.eval
+    max_steps = job.task_info.level(level).max_steps
+    inputs = resolve(job.of_method(entry), ("dataset", *entry.parts))
+    settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
-        "sections": entry.sections(job.config),
+        "sections": entry.settings(job.config),
         "env": job.config.env,
         "level": level,
         "max_steps": max_steps,
@@ -53,7 +66,7 @@ def step(job: Job, method: str, level: str, index: int) -> Step:
         "domain": settings.domain,
     }
     recipe = job.recipe("plan", config, inputs, algorithm_version=ALGORITHM_VERSION)
-    return Step(job, recipe, inputs, lambda run: _plan(job, entry, level, index, inputs, run))
+    return RecipeJob(job, recipe, inputs, lambda run: _plan(job, entry, level, index, inputs, run))
 
 
 def document(store: Store, ref: Ref) -> JsonDict:
@@ -64,46 +77,60 @@ def document(store: Store, ref: Ref) -> JsonDict:
 
 def _tree_method(name: str) -> Method:
     entry = method_named(name)
-    if "planner" not in entry.uses:
-        choices = [method.name for method in METHODS.values() if "planner" in method.uses]
-        raise UsageError(f"--method {name}: it grows no tree to show; choose {', '.join(choices)}")
+    if PLANNER not in entry.sections:
+        choices = ", ".join(needing(PLANNER))
+        raise UsageError(f"--method {name}: it grows no tree to show; choose {choices}")
     return entry
 
 
 def _plan(
     job: Job, method: Method, level: str, index: int, inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
-    from elast_cli.control import background_of
-    from elast_cli.explain import explain_plan
-    from elast_cli.models.inference import FrameEncoder
+    from elast_cli.control.base import Task
+    from elast_cli.control.episodes import context_images
+    from elast_cli.inference.contexts import ContextVectors
+    from elast_cli.inference.frames import FrameEncoder
+    from elast_cli.methods.explain import explain_plan
+    from elast_cli.methods.loading import load_models
+    from elast_cli.models.context.net import ContextAutoencoder
+    from elast_cli.models.encoder.cpc import Representation
+    from elast_cli.models.ensemble.support import SupportedDynamics
     from elast_cli.planners.base import Query
+    from elast_cli.planners.tree.config import TreeConfig
 
     limit_threads(job.threads)
     note_if_unrepeatable(job, method)
     verify_files(job.store, inputs)
-    models = load_models({role: job.store.path(ref) for role, ref in inputs.items()}, job.device)
+    folders = {role: job.store.path(ref) for role, ref in inputs.items() if role in PARTS}
+    models = load_models(folders, job.device)
     scenario = _scenario(job, level, index)
     env = make(job.env, job.config.env)
     start, info = env.reset(options={"scenario": scenario})
-    encode, background = FrameEncoder(models.encoder.encoder), background_of([info])
-    query = Query(
-        encode(_resting(start), background),
-        encode(_resting(info["goal"]), background),
-        context_of(models.context, [info]),
-        np.array([derived_seed("plan", plan_seed(job, scenario), 0)]),
-    )
-    plan = explain_plan(models, method.configure(job.config).planner, query, env)
+    seed = np.array([derived_seed("plan", plan_seed(job, scenario), 0)])
+    task = Task(_resting(info["goal"]), seed, context_images([info]))
+    encoder = FrameEncoder(models.part("encoder", Representation).encoder)
+    contexts = ContextVectors(models.maybe("context", ContextAutoencoder))
+    goal, state = encoder.begin(task)
+    z, _ = encoder.update(state, _resting(start), None)
+    query = Query(z, goal, contexts(task.context, 1), seed)
+    config = method.configure(job.config).section(PLANNER, TreeConfig)
+    plan = explain_plan(models, config, query, _distance_of(env))
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
-    with (run.staging / PLAN_FILE).open("x") as file:
+    with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
-    support = models.ensemble.support.latents.cpu().numpy()
+    support = models.part("ensemble", SupportedDynamics).support.latents.cpu().numpy()
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
     return {key: plan.figures[key] for key in METRICS}
 
 
+def _distance_of(env: ElastEnv) -> Distance | None:
+    """How far two true states are apart, where the environment knows it."""
+    return env.distance if isinstance(env, SimulatedTask) else None
+
+
 def _scenario(job: Job, level: str, index: int) -> Scenario:
-    settings = job.config.eval
+    settings = job.config.section("eval", EvalConfig)
     return scenarios(
         job.env,
         level,
@@ -144,9 +171,9 @@ def _draw(
     run: Run,
 ) -> None:
     """The tree and the path in the plane, beside the nearest data frames along the path."""
-    from elast_cli.dataset import Dataset
-    from elast_cli.plan_plot import PlanPicture, plan_figure
-    from elast_cli.projection import project_2d
+    from elast_cli.data.dataset import Dataset
+    from elast_cli.pictures.plan import PlanPicture, plan_figure
+    from elast_cli.pictures.projection import project_2d
 
     pixels = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE)).pixels
     every = np.concatenate([plan.latents, support, ends])

@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 
-from elast_cli.envs import ElastEnv, spec
+from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError
+from elast_cli.models import parts
+from elast_cli.stages import differences
 from elast_cli.stages.job import Job
-from elast_cli.store import Manifest, Ref
-
-MAKERS: Mapping[str, str] = {
-    "dataset": "collect",
-    "context": "train-context",
-    "encoder": "train-encoder",
-    "ensemble": "train-ensemble",
-    "density": "train-density",
-    "policy": "train-policy",
-}
-ROLES = tuple(MAKERS)  # in the order in which they are made
-_NEEDS: Mapping[str, tuple[str, ...]] = {
-    "dataset": (),
-    "context": ("dataset",),
-    "encoder": ("dataset", "context"),
-    "ensemble": ("dataset", "context", "encoder"),
-    "density": ("dataset", "context", "encoder"),
-    "policy": ("dataset", "context", "encoder", "ensemble"),
-}
+from elast_cli.store.manifest import Manifest, Ref
 
 
-def has_context(env: str) -> bool:
-    """Whether episodes of an environment differ in what `ElastEnv.context` shows."""
-    return spec(env).env_class.context is not ElastEnv.context
-
-
-def present(env: str, roles: Sequence[str]) -> list[str]:
+def present(job: Job, roles: Sequence[str]) -> list[str]:
     """Those of the roles that an environment has: without contexts there is no `context`."""
-    return [role for role in roles if role != "context" or has_context(env)]
+    return parts.present(roles, has_context=job.task_info.has_context)
 
 
-def needs(env: str, role: str) -> list[str]:
+def needs(job: Job, role: str) -> list[str]:
     """What a role is made from, in the order in which it is made."""
-    more = ("ensemble",) if role == "density" and has_context(env) else ()  # ψ's noise asks H_f
-    return present(env, _NEEDS[role] + more)
+    return parts.needs(role, has_context=job.task_info.has_context)
+
+
+def roles_of(job: Job, roles: Sequence[str]) -> list[str]:
+    """These roles and all that they are made from, in the order in which they are made."""
+    return parts.closure(roles, has_context=job.task_info.has_context)
 
 
 def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
@@ -55,23 +39,38 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
         DataError: given artifacts are damaged, of another lineage, or of two lineages.
         MissingInputError: something is not made yet; says which command makes it.
     """
-    given = {role: ref for role, ref in job.given.items() if role in ROLES}
+    given = {role: ref for role, ref in job.given.items() if role in parts.kinds()}
     if "context" in given:
-        refuse_without_context(job.env)
+        refuse_without_context(job)
     search = _Search(job, given)
-    roles = present(job.env, roles)
-    wanted = [role for role in ROLES if role in roles or role in given]
+    roles = present(job, roles)
+    wanted = [role for role in parts.kinds() if role in roles or role in given]
     for end in range(1, len(wanted) + 1):
         if search.choose(wanted[:end], {}) is None:
             role = wanted[end - 1]
-            before = [need for need in needs(job.env, role) if not search.candidates[need]]
+            before = [need for need in needs(job, role) if not search.candidates[need]]
             raise MissingInputError(_missing(job, [*before, role][0], given))
     chosen = search.choose(wanted, {})
     assert chosen is not None  # the loop's last turn
-    found = [str(chosen[role]) for role in wanted if role not in given]
+    found = [_described(job, chosen[role]) for role in wanted if role not in given]
     if found:
         job.progress.note(f"using {', '.join(found)}")
     return {role: chosen[role] for role in wanted if role in roles}
+
+
+def _described(job: Job, ref: Ref) -> str:
+    """A ref, with what it was made by besides the preset."""
+    found = differences.of_sections(job, job.store.manifest(ref))
+    return f"{ref} ({'; '.join(found)})" if found else str(ref)
+
+
+def overrides(job: Job, refs: Iterable[Ref]) -> list[str]:
+    """What artifacts were made by besides the preset: `ref: section.key=value, not value`."""
+    return [
+        f"{ref}: {difference}"
+        for ref in refs
+        for difference in differences.of_sections(job, job.store.manifest(ref))
+    ]
 
 
 class _Search:
@@ -81,7 +80,7 @@ class _Search:
         self.job, self.store = job, job.store
         self.digests: dict[Ref, str] = {}
         self.candidates: dict[str, list[tuple[Ref, Manifest]]] = {}
-        for role in ROLES:
+        for role in parts.kinds():
             self.candidates[role] = (
                 [(given[role], self._checked(role, given[role]))]
                 if role in given
@@ -129,25 +128,37 @@ class _Search:
             except DataError:
                 continue  # never chosen by itself; `elast verify` says what is wrong with it
             recipe = manifest.recipe
-            if (recipe.preset, recipe.seed) == (self.job.preset, self.job.seed):
+            lineage = recipe.preset, recipe.seed, recipe.variant
+            fits = lineage == (self.job.preset, self.job.seed, self.job.variant(role))
+            if fits and not differences.of_world(self.job, manifest):
                 found.append((ref, manifest))
         return found
 
     def _checked(self, role: str, ref: Ref) -> Manifest:
         """The manifest of an artifact that the user named."""
+        flag = f"--{parts.word(role)} {ref}"
         if ref.kind != role:
-            raise UsageError(f"--{role} {ref}: that is a {ref.kind}; list: elast ls --kind {role}")
+            raise UsageError(
+                f"{flag}: its kind is {ref.kind}, not {role}; list: elast ls --kind {role}"
+            )
         job = self.job
         if ref.env != job.env:
-            raise DataError(f"--{role} {ref}: of environment {ref.env}, not {job.env}")
+            raise DataError(f"{flag}: of environment {ref.env}, not {job.env}")
         manifest = self.store.manifest(ref)
         recipe = manifest.recipe
         if (recipe.preset, recipe.seed) != (job.preset, job.seed):
             raise DataError(
-                f"--{role} {ref}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
+                f"{flag}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
                 f"{job.preset} and seed {job.seed}; lineages are never mixed: add "
                 f"--preset {recipe.preset} --seed {recipe.seed}"
             )
+        if recipe.variant != job.variant(role):
+            raise DataError(
+                f"{flag}: made for methods with {_variant_text(recipe.variant)}, "
+                f"not for {_variant_text(job.variant(role))}"
+            )
+        if world := differences.of_world(job, manifest):
+            raise DataError(f"{flag}: made in another world: {'; '.join(world)}")
         return manifest
 
     def _refuse_mixed(self, given: Sequence[tuple[Ref, Manifest]]) -> None:
@@ -165,21 +176,31 @@ class _Search:
                         )
 
 
-def refuse_without_context(env: str) -> None:
+def refuse_without_context(job: Job) -> None:
     """Raise UsageError if an environment has no contexts."""
-    if not has_context(env):
+    if not job.task_info.has_context:
         raise UsageError(
-            f"{env} has no contexts: nothing in it changes from episode to episode; "
-            f"run: elast train-encoder --env {env}"
+            f"{job.env} has no contexts: nothing in it changes from episode to episode; "
+            f"run: elast train-encoder --env {job.env}"
         )
+
+
+def _variant_text(variant: JsonDict) -> str:
+    """What a method changes in its parts, for people."""
+    return json.dumps(variant, separators=(",", ":")) if variant else "the preset's parts"
 
 
 def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:
     """What is missing, and the command that makes it."""
-    before = {r: ref for r, ref in given.items() if ROLES.index(r) < ROLES.index(role)}
-    named = "".join(f" --{r} {ref}" for r, ref in before.items())
+    order = parts.kinds()
+    before = {r: ref for r, ref in given.items() if order.index(r) < order.index(role)}
+    named = "".join(f" --{parts.word(r)} {ref}" for r, ref in before.items())
     of = f" of {', '.join(map(str, before.values()))}" if before else ""
-    return (
-        f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}; "
-        f"run: elast {MAKERS[role]} {job.flags()}{named}"
-    )
+    there_is_no = f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}"
+    if variant := job.variant(role):
+        return (
+            f"{there_is_no}, with {_variant_text(variant)}; "
+            f"run: elast train-baseline {job.method} {job.flags()}"
+        )
+    maker = "collect" if role == parts.DATASET else f"train-{parts.word(role)}"
+    return f"{there_is_no}; run: elast {maker} {job.flags()}{named}"

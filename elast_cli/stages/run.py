@@ -1,98 +1,277 @@
-"""`elast run`: the whole chain, skipping what is there."""
+"""`elast eval` and `elast run`: methods by training seeds into one report an environment."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
 
-from elast_cli.manifest import JsonDict
-from elast_cli.stages import collect, train
-from elast_cli.stages.job import Job, Step
-from elast_cli.stages.resolve import ROLES, needs, present
-from elast_cli.stages.workers import each, relayed
-from elast_cli.store import Ref
+from elast_cli.config import JsonDict
+from elast_cli.errors import MissingInputError, RequirementError, UsageError, suggestion
+from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
+from elast_cli.evaluation.rows import Cell, EpisodeRow
+from elast_cli.evaluation.summary import results_document, summarize
+from elast_cli.evaluation.tables import table
+from elast_cli.methods.table import method_named
+from elast_cli.models.parts import closure
+from elast_cli.progress import Silent
+from elast_cli.stages import evaluate, report
+from elast_cli.stages.chain import make_models, planned_models
+from elast_cli.stages.inspect import read_results, texts
+from elast_cli.stages.job import Job
+from elast_cli.stages.resolve import present, resolve, roles_of
+from elast_cli.store.manifest import Ref
 
-# what can be made at the same time once all is there that both need
-_BRANCHES = (("ensemble", "policy"), ("density",))
+if TYPE_CHECKING:
+    from rich.console import Group
+
+_SEED = re.compile("[0-9]{1,18}", re.ASCII)
 
 
-def make_models(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
-    """The dataset and learned parts of these roles, and all they need, made where they are missing.
+@dataclass(frozen=True)
+class Benchmark:
+    """Methods, levels (None: all of an environment) and training seeds to evaluate."""
 
-    Results are the same for any number of workers.
+    methods: tuple[str, ...]
+    levels: tuple[str, ...] | None
+    seeds: tuple[int, ...]
+    requirements: tuple[Requirement, ...] = ()
+    allow_overrides: bool = False
+
+    @classmethod
+    def parse(
+        cls,
+        methods: str,
+        levels: str | None,
+        seeds: str | None,
+        seed: int,
+        bounds: Sequence[str],
+        *,
+        allow_overrides: bool = False,
+    ) -> Benchmark:
+        """What the flags ask for.
+
+        Raises:
+            UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
+        """
+        if seeds is not None and seed:
+            raise UsageError(f"--seed {seed} and --seeds {seeds} name seeds both; give one of them")
+        names = _words(methods, "--methods")
+        for name in names:
+            method_named(name)
+        wanted = _words(seeds, "--seeds") if seeds is not None else (str(seed),)
+        if not all(_SEED.fullmatch(text) for text in wanted):
+            raise UsageError(f"--seeds {seeds!r}: expected numbers and commas, as in 0,1,2")
+        return cls(
+            names,
+            _words(levels, "--level") if levels is not None else None,
+            tuple(dict.fromkeys(int(text) for text in wanted)),
+            tuple(parse_requirement(text) for text in bounds),
+            allow_overrides,
+        )
+
+    def sections(self, *, make: bool) -> set[str]:
+        """The sections of a preset that an evaluation uses, and with `make` all stages before."""
+        methods = [method_named(name) for name in self.methods]
+        used = {"env", "eval", *(section for method in methods for section in method.sections)}
+        if make:
+            used |= {"collect", *(kind for method in methods for kind in closure(method.parts))}
+        return used
+
+    def levels_of(self, job: Job) -> tuple[str, ...]:
+        """The levels to evaluate of a job's environment: those asked for that it has."""
+        known = job.task_info.levels
+        return tuple(known if self.levels is None else (n for n in self.levels if n in known))
+
+    def having_levels(self, jobs: Sequence[Job]) -> list[Job]:
+        """The jobs that have something to evaluate.
+
+        Raises:
+            UsageError: a level that no environment of theirs has.
+        """
+        known = list(dict.fromkeys(level for job in jobs for level in job.task_info.levels))
+        for name in self.levels or ():
+            if name not in known:
+                hint = suggestion(name, known)
+                raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
+        return [job for job in jobs if self.levels_of(job)]
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
+        cells = [
+            Cell(job.env, level, method)
+            for job in jobs
+            for level in self.levels_of(job)
+            for method in self.methods
+        ]
+        expect(self.requirements, cells)
+
+
+def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
+    """The jobs whose models are all there; for the others the command that makes them is noted.
+
+    Raises:
+        MissingInputError: there is no such job.
     """
-    needed = _closed(job.env, roles)
-    made: dict[str, Ref] = {}
-    for role in needed:
-        if role in ("dataset", "context", "encoder", *needs(job.env, "density")):
-            made[role] = _step(_after(job, made), role).carry_out()
-    branches = [
-        (_after(job, made), wanted)
-        for branch in _BRANCHES
-        if (wanted := tuple(role for role in branch if role in needed and role not in made))
-    ]
-    parallel = job.workers > 1 and len(branches) > 1 and not _all_made(branches)
-    if not parallel:
-        for branch in branches:
-            made |= _carry_out(branch)
-        return made
-    with relayed(job.progress) as progress:
-        sent = [(replace(branch, progress=progress), wanted) for branch, wanted in branches]
-        for part in each(_carry_out, sent, workers=2):
-            made |= part
-    return made
+    found, missing = [], []
+    for job in jobs:
+        try:
+            for seed, name in product(bench.seeds, bench.methods):
+                method = method_named(name)
+                of_seed = replace(job, seed=seed, progress=Silent())
+                resolve(of_seed.of_method(method), method.parts)
+            found.append(job)
+        except MissingInputError as error:
+            missing.append(error)
+    if not found:
+        raise missing[0]
+    for reason in missing:
+        found[0].progress.note(f"left out: {reason}")
+    return found
 
 
-def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
-    """What `make_models` would find and make, in order."""
-    there: dict[str, Ref] = {}
+def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
+    """The report of one environment; with `make`, missing data and models are made first."""
+    levels = bench.levels_of(job)
+    evaluations: dict[tuple[str, int], Ref] = {}
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        parts = make_parts(of_seed, bench.methods) if make else {}
+        for name in bench.methods:
+            given = replace(of_seed, given=parts.get(name, of_seed.given))
+            evaluations[name, seed] = evaluate.recipe_job(given, name, levels).carry_out()
+    return report.recipe_job(job, evaluations).carry_out()
+
+
+def make_parts(job: Job, methods: Sequence[str]) -> dict[str, dict[str, Ref]]:
+    """The parts of each method by its name, made where they are missing.
+
+    A part is made once for all methods that share it; one that a method changes is its own.
+    """
+    made: dict[tuple[str, str], Ref] = {}
+    parts: dict[str, dict[str, Ref]] = {}
+    for name in methods:
+        method = method_named(name)
+        of_method = job.of_method(method)
+        keys = {role: _key(of_method, role) for role in roles_of(job, method.parts)}
+        known = {role: made[key] for role, key in keys.items() if key in made}
+        parts[name] = make_models(of_method, method.parts, known)
+        made |= {keys[role]: ref for role, ref in parts[name].items()}
+    return parts
+
+
+def _key(job: Job, role: str) -> tuple[str, str]:
+    """What tells the artifacts of one role apart that the methods of one run are given."""
+    return role, json.dumps(job.variant(role), sort_keys=True)
+
+
+def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
+    """What `evaluate_all` would find and make, in order."""
     rows: list[JsonDict] = []
-    for role in _closed(job.env, roles):
-        ref = None
-        if all(need in there for need in needs(job.env, role)):
-            ref = _step(_after(job, there), role).published()
-        if ref:
-            there[role] = ref
-        rows.append({"env": job.env, "kind": role, "seed": job.seed, "published": _text(ref)})
+    evaluations: dict[tuple[str, int], Ref] = {}
+    for seed in bench.seeds:
+        of_seed = replace(job, seed=seed)
+        listed: set[tuple[str, str]] = set()
+        for name in bench.methods:
+            method = method_named(name)
+            given = of_seed.of_method(method)
+            if make:
+                models = planned_models(given, method.parts)
+                rows += [row for row in models if _key(given, str(row["kind"])) not in listed]
+                listed |= {_key(given, str(row["kind"])) for row in models}
+                refs = {str(row["kind"]): Ref.maybe(str(row["published"])) for row in models}
+                given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
+            ref, needed = None, present(job, method.parts)
+            if not make or all(role in given.given for role in needed):
+                ref = evaluate.recipe_job(given, name, bench.levels_of(job)).published()
+            if ref:
+                evaluations[name, seed] = ref
+            rows.append(_planned_row(of_seed, f"eval {name}", ref))
+    every = len(evaluations) == len(bench.methods) * len(bench.seeds)
+    found = report.recipe_job(job, evaluations).published() if every else None
+    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", found))
     return rows
 
 
-def _text(ref: Ref | None) -> str | None:
-    return str(ref) if ref else None
+def _planned_row(job: Job, kind: str, ref: Ref | None) -> JsonDict:
+    published = str(ref) if ref else None
+    return {"env": job.env, "kind": kind, "seed": job.seed, "published": published}
 
 
-def _closed(env: str, roles: Sequence[str]) -> list[str]:
-    """These roles and all they need, in the order in which they are made."""
-    needed = set(present(env, roles))
-    for role in reversed(ROLES):
-        if role in needed:
-            needed |= set(needs(env, role))
-    return [role for role in ROLES if role in needed]
+def planned_text(rows: Sequence[JsonDict]) -> str:
+    """A dry run for people."""
+    lines = []
+    for row in rows:
+        state = f"there: {row['published']}" if row["published"] else "to make"
+        lines.append(f"{row['env']}  seed {row['seed']}  {row['kind']!s:<16} {state}")
+    return "\n".join(lines)
 
 
-def _after(job: Job, made: dict[str, Ref]) -> Job:
-    """The job with exactly these inputs, whatever else fits."""
-    return replace(job, given=dict(made))
+@dataclass(frozen=True)
+class Outcome:
+    """Reports of some environments, read together."""
+
+    rows: list[EpisodeRow]
+    lineage: JsonDict
+    folders: dict[str, str]
+    overrides: list[str]
+
+    @classmethod
+    def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:
+        """The episodes of all reports."""
+        store = job.store
+        results = [read_results(store, ref) for ref in reports]
+        lineage: JsonDict = {
+            str(ref): {role: parent.ref for role, parent in store.manifest(ref).parents.items()}
+            for ref in reports
+        }
+        return cls(
+            [row for found in results for row in found.per_episode],
+            lineage,
+            {str(ref): str(store.path(ref)) for ref in reports},
+            [text for found in results for text in texts(found.settings.get("overrides"))],
+        )
+
+    def document(self, bench: Benchmark) -> JsonDict:
+        """The results JSON."""
+        settings = {
+            "methods": bench.methods,
+            "seeds": bench.seeds,
+            "reports": self.folders,
+            "overrides": self.overrides,
+        }
+        return results_document(self.rows, self.lineage, settings)
+
+    def view(self) -> Group:
+        """The table, what was overridden, and where the pictures are."""
+        from rich.console import Group
+        from rich.text import Text
+
+        notes = [f"not of the preset: {text}" for text in self.overrides]
+        notes += [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
+        return Group(table(summarize(self.rows)), Text("\n".join(notes)))
+
+    def require(self, bench: Benchmark) -> None:
+        """Raise RequirementError if a bound is missed."""
+        if not bench.requirements:
+            return
+        if self.overrides and not bench.allow_overrides:
+            raise RequirementError(
+                f"models are not of the preset: {'; '.join(self.overrides)}; "
+                "train them anew, or add --allow-overrides"
+            )
+        verdicts = check(bench.requirements, summarize(self.rows))
+        missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]
+        if missed:
+            raise RequirementError(f"missed: {'; '.join(missed)}")
 
 
-def _step(job: Job, role: str) -> Step:
-    return collect.step(job) if role == "dataset" else train.step(job, role)
-
-
-def _carry_out(branch: tuple[Job, tuple[str, ...]]) -> dict[str, Ref]:
-    """The artifacts of one branch, one after the other."""
-    job, roles = branch
-    made: dict[str, Ref] = {}
-    for role in roles:
-        made[role] = _step(_after(job, {**job.given, **made}), role).carry_out()
-    return made
-
-
-def _all_made(branches: Sequence[tuple[Job, tuple[str, ...]]]) -> bool:
-    """Whether nothing is left to do, so that no process need be started."""
-    return all(
-        row["published"]
-        for job, roles in branches
-        for row in planned_models(job, roles)
-        if row["kind"] in roles
-    )
+def _words(text: str, flag: str) -> tuple[str, ...]:
+    """The comma-separated words of a flag, each once."""
+    words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not words:
+        raise UsageError(f"{flag} {text!r}: expected one or more names, separated by commas")
+    return words

@@ -5,90 +5,87 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elast_cli.config import StrictModel
+from elast_cli.config import JsonDict
 from elast_cli.errors import DataError
-from elast_cli.fit import write_metrics
-from elast_cli.manifest import JsonDict
-from elast_cli.preset import Preset
-from elast_cli.publish import Run
+from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
-from elast_cli.stages.job import Job, Step, limit_threads
-from elast_cli.stages.resolve import has_context, needs, refuse_without_context, resolve
-from elast_cli.store import Ref
+from elast_cli.stages.differences import WITHOUT_EFFECT
+from elast_cli.stages.job import Job, RecipeJob, limit_threads, verify_files
+from elast_cli.stages.resolve import needs, refuse_without_context, resolve
+from elast_cli.store.manifest import Ref
+from elast_cli.store.run import Run
 
 if TYPE_CHECKING:
-    from torch import Tensor, nn
-
-    from elast_cli.dataset import Dataset
-    from elast_cli.models.dynamics import DynamicsEnsemble
-    from elast_cli.training import LatentData, Setting, Trained
+    from elast_cli.data.dataset import Dataset
 
 ALGORITHM_VERSION = 1
-CONTEXT_PICTURE = "reconstructions.png"
-MOST_CONTEXTS = 10  # in the picture
+RECONSTRUCTIONS_FILE = "reconstructions.png"
 
 
-def section(config: Preset, kind: str) -> StrictModel:
-    """The configuration of one learned part."""
-    found: StrictModel = getattr(config, kind)
-    return found
-
-
-def step(job: Job, kind: str) -> Step:
+def recipe_job(job: Job, kind: str) -> RecipeJob:
     """One learned part, on the artifacts that the job names or that fit.
 
     Raises:
         MissingInputError: an input is not made yet.
         DataError: the inputs named are of different lineages.
-        UsageError: a context, where the environment has none.
+        UsageError: an unknown part, or a context where the environment has none.
     """
-    if kind == "context":
-        refuse_without_context(job.env)
-    inputs = resolve(job, needs(job.env, kind))
-    config: JsonDict = {kind: section(job.config, kind).model_dump(mode="json")}
+    part_named(kind)
+    if kind == CONTEXT:
+        refuse_without_context(job)
+    inputs = resolve(job, needs(job, kind))
+    config: JsonDict = {"env": job.config.env, kind: _settings(job, kind)}
     recipe = job.recipe(kind, config, inputs, algorithm_version=ALGORITHM_VERSION)
-    return Step(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
+    return RecipeJob(job, recipe, inputs, lambda run: _train(job, kind, inputs, run))
 
 
-def load(job: Job, kind: str, ref: Ref) -> nn.Module:
-    """A learned part, after its files were verified.
-
-    Raises:
-        DataError: a file was changed, or is no model of that kind.
-    """
-    from elast_cli.models.io import load_model
-
-    for name in job.store.manifest(ref).files:
-        job.store.file(ref, name)
-    return load_model(job.store.path(ref), kind)
+def _settings(job: Job, kind: str) -> JsonDict:
+    """The part's section, less what changes no weight."""
+    section = job.config.plain(kind)
+    fit = section["fit"]
+    assert isinstance(fit, dict)  # every section of a part has it
+    silent = {key.removeprefix("fit.") for key in WITHOUT_EFFECT}
+    return {**section, "fit": {key: value for key, value in fit.items() if key not in silent}}
 
 
 def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict:
     import torch
 
-    from elast_cli.dataset import Dataset
-    from elast_cli.models.io import save_model
-    from elast_cli.training import Setting
+    from elast_cli.data.dataset import Dataset
+    from elast_cli.models.files import save_model
+    from elast_cli.models.fit import write_metrics
+    from elast_cli.models.inputs import Inputs
+    from elast_cli.models.outputs import Outputs
+    from elast_cli.models.part import Setting
+    from elast_cli.models.precision import resolved
 
     began, cpu = time.monotonic(), time.process_time()
     limit_threads(job.threads)
-    dataset = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE))
-    _check_contexts(job, inputs["dataset"], dataset)
+    verify_files(job.store, inputs)
+    dataset = Dataset.load(job.store.file(inputs[DATASET], DATASET_FILE))
+    _check_contexts(job, inputs[DATASET], dataset)
+    folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
         seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
     )
-    with _disk_errors(run):
-        trained = _TRAINERS[kind](job, inputs, dataset, setting)
-        save_model(run.staging, trained.module, sizes=trained.sizes)
+    part = part_named(kind)
+    with _disk_errors():
+        section = job.config.section(kind, part.section)
+        outputs = Outputs(job.store.cache, job.store.digest(inputs[DATASET]))
+        trained = part.train(Inputs(dataset, folders, setting, outputs), section, setting)
+        save_model(run.staging, trained)
         write_metrics(trained.curve, run.staging)
-        if kind == "context":
-            _draw_contexts(trained.module, dataset, setting, run.staging / CONTEXT_PICTURE)
+    if shown := trained.reconstructions:
+        from elast_cli.pictures.film import reconstruction_strip
+
+        path = run.staging / RECONSTRUCTIONS_FILE
+        reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
     metrics: JsonDict = {**trained.metrics}
+    metrics["precision"] = resolved(section.fit.precision, job.device)
     metrics["wall_s"] = round(time.monotonic() - began, 3)
     metrics["cpu_s"] = round(time.process_time() - cpu, 3)
     return metrics
@@ -98,7 +95,7 @@ def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
     """Raise DataError unless the dataset has the context images that its environment shows."""
     from elast_cli.shapes import IMAGE_SIZE
 
-    shape = (IMAGE_SIZE, IMAGE_SIZE, 3) if has_context(job.env) else None
+    shape = (IMAGE_SIZE, IMAGE_SIZE, 3) if job.task_info.has_context else None
     found = None if dataset.context is None else dataset.context.shape[1:]
     if found != shape:
         raise DataError(
@@ -107,34 +104,8 @@ def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
         )
 
 
-def _context(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Tensor:
-    """Context vector of each episode [E,C]; C = 0 where the environment has none."""
-    import torch
-
-    from elast_cli.models.context import ContextAutoencoder, context_vectors
-
-    if dataset.context is None:
-        return torch.zeros(dataset.episodes, 0)
-    model = load(job, "context", inputs["context"]).to(setting.device)
-    assert isinstance(model, ContextAutoencoder)
-    return torch.from_numpy(context_vectors(model, dataset.context))
-
-
-def _draw_contexts(module: nn.Module, dataset: Dataset, setting: Setting, path: Path) -> None:
-    """A few held-out context images above what the autoencoder makes of them."""
-    from elast_cli.models.context import ContextAutoencoder, reconstructions
-    from elast_cli.plots import reconstruction_strip
-
-    assert isinstance(module, ContextAutoencoder)
-    assert dataset.context is not None
-    _, held_out = dataset.split(setting.validation_share, setting.seed)
-    shown = held_out[:MOST_CONTEXTS]
-    images = dataset.context[shown]
-    reconstruction_strip(images, reconstructions(module, images), path, labels=shown.tolist())
-
-
 @contextmanager
-def _disk_errors(run: Run) -> Iterator[None]:
+def _disk_errors() -> Iterator[None]:
     """A disk error as OSError, whatever torch and safetensors make of it."""
     from safetensors import SafetensorError
 
@@ -149,73 +120,3 @@ def _disk_errors(run: Run) -> Iterator[None]:
         if found:
             raise OSError(int(found[1]), os.strerror(int(found[1]))) from None
         raise
-
-
-# --- one trainer a part --------------------------------------------------------------------------
-
-_Trainer = Callable[[Job, Mapping[str, Ref], "Dataset", "Setting"], "Trained"]
-
-
-def _context_images(
-    job: Job, _inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting
-) -> Trained:
-    from elast_cli.context_training import train_context
-
-    assert dataset.context is not None
-    split = dataset.split(setting.validation_share, setting.seed)
-    return train_context(dataset.context, split, job.config.context, setting)
-
-
-def _encoder(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_encoder
-
-    context = _context(job, inputs, dataset, setting)
-    return train_encoder(dataset, context, job.config.encoder, setting)
-
-
-def _ensemble(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_ensemble
-
-    data = _encoded(job, inputs, dataset, setting)
-    return train_ensemble(data, job.config.ensemble, setting)
-
-
-def _density(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.density_training import train_density
-
-    data = _encoded(job, inputs, dataset, setting)
-    dynamics = _dynamics(job, inputs, setting) if "ensemble" in inputs else None
-    return train_density(data, job.config.density, setting, dynamics)
-
-
-def _policy(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> Trained:
-    from elast_cli.training import train_policy
-
-    data = _encoded(job, inputs, dataset, setting)
-    return train_policy(data, _dynamics(job, inputs, setting), job.config.policy, setting)
-
-
-def _dynamics(job: Job, inputs: Mapping[str, Ref], setting: Setting) -> DynamicsEnsemble:
-    from elast_cli.models.support import SupportedDynamics
-
-    model = load(job, "ensemble", inputs["ensemble"]).to(setting.device)
-    assert isinstance(model, SupportedDynamics)
-    return model.ensemble
-
-
-def _encoded(job: Job, inputs: Mapping[str, Ref], dataset: Dataset, setting: Setting) -> LatentData:
-    from elast_cli.models.cpc import Representation
-    from elast_cli.training import encode
-
-    model = load(job, "encoder", inputs["encoder"]).to(setting.device)
-    assert isinstance(model, Representation)
-    return encode(dataset, _context(job, inputs, dataset, setting), model, setting)
-
-
-_TRAINERS: Mapping[str, _Trainer] = {
-    "context": _context_images,
-    "encoder": _encoder,
-    "ensemble": _ensemble,
-    "density": _density,
-    "policy": _policy,
-}

@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from elast_cli.models.cpc import CpcConfig, Representation, cpc_loss, info_nce
-from elast_cli.models.density import nce_loss
-from elast_cli.models.encoder import EncoderConfig
-from elast_cli.models.isometry import blurred, isometry_loss
+from elast_cli.models.density.net import nce_loss
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
+from elast_cli.models.encoder.cpc import Representation, cpc_loss, info_nce
+from elast_cli.models.encoder.isometry import blurred, isometry_loss
 
 
 def test_nce_with_no_knowledge_costs_what_equation_2_says() -> None:

@@ -8,10 +8,10 @@ import pytest
 import torch
 from pydantic import ValidationError
 from torch import Tensor
-from toy import REACH, only
 
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.cem import CemConfig, CemPlanner
+from tests.toys.box import REACH, only
 
 SMALL: dict[str, Any] = {"horizon": 10, "num_samples": 60, "topk": 10, "n_steps": 6}
 
@@ -118,9 +118,9 @@ def test_a_warm_start_begins_with_the_actions_left() -> None:
 
 def test_every_predicted_transition_is_counted_once_a_member() -> None:
     plan = planned(query())
-    assert plan.transitions.tolist() == [60 * 6 * 10 * 3] * 3
-    assert not plan.density_calls.any()
-    assert not plan.policy_calls.any()
+    assert plan.cost.transitions.tolist() == [60 * 6 * 10 * 3] * 3
+    assert not plan.cost.density_calls.any()
+    assert not plan.cost.policy_calls.any()
 
 
 def test_where_every_rollout_overflows_the_plan_stays_and_is_not_reached() -> None:

@@ -1,23 +1,61 @@
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_elast import LIMITS, RADII, worlds
-from toy import REACH, Box, only, problems
 
 from elast_cli.planners import shooting
 from elast_cli.planners.base import Plan, Query
-from elast_cli.planners.elast import ElastPlanner, TreeConfig
-from elast_cli.planners.shooting import ShootingPlanner, Shot, end_slope, refined, shot
-from elast_cli.shapes import Float32
+from elast_cli.planners.refined_tree import BAND, ShootingPlanner, endings
+from elast_cli.planners.shooting import Shot, end_slope, shots
+from elast_cli.planners.tree.search import ElastPlanner
+from elast_cli.shapes import Float32, Int64
+from tests.toys.box import REACH, Box, only, problems
+from tests.toys.trees import LIMITS, RADII, tree_config, worlds
 
 seeds = st.integers(0, 2**31)
 law = settings(deadline=None, max_examples=20)
-EASY = {"expansions": 400, "replan_expansions": 100, "refine": 8, "refine_paths": 3}
+EASY = {"expansions": 400, "reuse__expansions": 100, "refine__iterations": 8, "refine__paths": 3}
+
+
+Move = Callable[[Float32, Float32], Float32]
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A world of nothing but its dynamics; counts what it is asked."""
+
+    move: Move
+    members: int = 1
+    action_size: int = 2
+    asked: list[int] = field(default_factory=list)
+
+    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
+        self.asked.append(len(z))
+        return self.move(z, action), np.zeros(len(z), np.float32)
+
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        return self.step(z, action, np.full(len(z), row))[0]
+
+
+def world_of(move: Move) -> Any:
+    """The part of a world that shooting asks."""
+    return Moving(move)
+
+
+def shot(move: Move, start: Float32, actions: Float32, goal: Float32) -> Shot:
+    """One path."""
+    return shots(world_of(move), start[None], [actions], goal[None], np.zeros(1, np.int64))[0]
+
+
+def refined(move: Move, path: Shot, *, unit: float, iterations: int) -> Shot:
+    """One path refined."""
+    return shooting.refined(world_of(move), [path], unit=unit, iterations=iterations)[0]
 
 
 def bent(z: Float32, action: Float32) -> Float32:
@@ -66,7 +104,7 @@ def test_refining_never_ends_farther_and_keeps_to_the_box(seed: int, length: int
     start, goal = rng.normal(size=(2, 3)).astype(np.float32)
     actions = rng.uniform(-1, 1, (length, 2)).astype(np.float32)
     before = shot(bent, start, actions, goal)
-    after = refined(bent, before, goal, unit=0.2, iterations=6)
+    after = refined(bent, before, unit=0.2, iterations=6)
     assert after.gap <= before.gap
     assert np.abs(after.actions).max() <= 1
     assert after.actions.shape == actions.shape
@@ -81,7 +119,7 @@ def test_a_car_is_led_onto_its_goal_from_every_nearby_end() -> None:
     for off in np.random.default_rng(1).uniform(-0.2, 0.2, (20, 3)):
         goal = (reached + off).astype(np.float32)
         before = shot(bent, start, drive(), goal)
-        after = refined(bent, before, goal, unit=0.2, iterations=10)
+        after = refined(bent, before, unit=0.2, iterations=10)
         assert after.gap <= shooting.CLOSE * 0.2
 
 
@@ -91,13 +129,13 @@ def test_what_no_action_can_mend_is_left_as_it_is() -> None:
 
     start, goal = np.zeros(3, np.float32), np.ones(3, np.float32)
     before = shot(still, start, drive(), goal)
-    after = refined(still, before, goal, unit=1.0, iterations=5)
+    after = refined(still, before, unit=1.0, iterations=5)
     np.testing.assert_array_equal(after.actions, before.actions)
     nothing = shot(bent, start, drive(0), goal)
-    assert refined(bent, nothing, goal, unit=1.0, iterations=5) == nothing
+    assert refined(bent, nothing, unit=1.0, iterations=5) is nothing
     onto = shot(bent, start, drive(), before.states[-1] * 0)
     there = replace(onto, gap=0.0)
-    assert refined(bent, there, onto.states[-1], unit=1.0, iterations=5).gap == 0
+    assert refined(bent, there, unit=1.0, iterations=5).gap == 0
 
 
 def test_steps_of_the_model_are_counted() -> None:
@@ -110,7 +148,7 @@ def test_steps_of_the_model_are_counted() -> None:
     start = np.zeros(3, np.float32)
     path = shot(counted, start, drive(), np.array([1, 1, 1], np.float32))
     assert path.transitions == sum(asked)
-    after = refined(counted, path, np.array([1, 1, 1], np.float32), unit=0.2, iterations=4)
+    after = refined(counted, path, unit=0.2, iterations=4)
     assert after.transitions == sum(asked) > path.transitions
 
 
@@ -118,7 +156,7 @@ def test_steps_of_the_model_are_counted() -> None:
 
 
 def planner(world: Box, *, goal: float = 0.02, **changes: object) -> ShootingPlanner:
-    config = TreeConfig(**{**EASY, **changes})  # type: ignore[arg-type]
+    config = tree_config(**{**EASY, **changes})
     return ShootingPlanner(ElastPlanner(world.at, config, LIMITS, RADII), REACH, goal, goal)
 
 
@@ -168,7 +206,9 @@ def test_a_row_of_a_batch_equals_its_solo_run(seed: int, world: Box) -> None:
             n = together.length[b]
             np.testing.assert_array_equal(together.states[b, :n], alone.states[0])
             np.testing.assert_array_equal(together.actions[b, : n - 1], alone.actions[0])
-            for name in ("length", "reached", "transitions", "density_calls", "policy_calls"):
+            for name, calls in vars(alone.cost).items():
+                assert getattr(together.cost, name)[b] == calls[0], name
+            for name in ("length", "reached"):
                 assert getattr(together, name)[b] == getattr(alone, name)[0], name
 
 
@@ -182,7 +222,7 @@ def test_what_is_left_of_a_plan_that_still_arrives_is_kept_without_a_tree() -> N
     second = ours.plan(replace(query, start=start, left=left, memory=first.memory))
     assert second.length.tolist() == (first.length - 1).tolist()
     assert (gaps(query, second) <= 0.02).all()
-    assert second.density_calls.tolist() == [0, 0]
+    assert second.cost.density_calls.tolist() == [0, 0]
     assert [a is b for a, b in zip(second.memory, first.memory, strict=True)] == [True, True]
 
 
@@ -199,7 +239,8 @@ def test_who_stands_at_a_goal_that_no_path_comes_nearer_to_goes_away_and_comes_a
     ours, query = planner(Box(), goal=0.01), problems(1)
 
     def path(steps: int, gap: float) -> Shot:
-        return Shot(np.zeros((steps + 1, 2), np.float32), drive(steps), gap, 0)
+        states = np.zeros((steps + 1, 2), np.float32)
+        return Shot(states, drive(steps), states[0], row=0, gap=gap)
 
     near = replace(query, start=query.goal + np.float32(0.5 * RADII.goal))
     rest, away, farther = path(1, 0.03), path(20, 0.05), path(30, 0.06)
@@ -219,7 +260,7 @@ def test_a_model_that_overflows_breaks_nothing() -> None:
     path = shot(wild, start, drive(), start)
     assert path.gap == np.inf
     with np.errstate(invalid="ignore", over="ignore"):
-        assert refined(wild, path, start, unit=1.0, iterations=3).gap == np.inf
+        assert refined(wild, path, unit=1.0, iterations=3).gap == np.inf
 
 
 @pytest.mark.parametrize("depths", [[1, 2, 9, 10, 17], [1, 1, 1, 1, 1]])
@@ -229,7 +270,34 @@ def test_endings_differ_in_length(depths: list[int]) -> None:
     forest.size[0] = 6
     forest.depth[0, 1:6] = depths
     forest.to_goal[0, :6] = [0, 5, 4, 2, 3, 1]
-    bands = {(d - 1) // shooting.BAND for d in depths}
-    found = shooting.endings(forest, 0, 9)
+    bands = {(d - 1) // BAND for d in depths}
+    found = endings(forest, 0, 9)
     assert found == ([5, 3, 2] if len(bands) == 3 else [5])
-    assert shooting.endings(forest, 0, 2) == found[:2]
+    assert endings(forest, 0, 2) == found[:2]
+
+
+def test_paths_refined_side_by_side_are_those_refined_alone() -> None:
+    world, goal = world_of(bent), np.array([1, 1, 1], np.float32)
+    lengths = (3, 12, 7)
+    starts, goals = np.zeros((3, 3), np.float32), np.stack([goal, goal * 2, goal])
+    paths = shots(world, starts, [drive(n) for n in lengths], goals, np.arange(3))
+    together = shooting.refined(world, paths, unit=0.2, iterations=6)
+    for path, found in zip(paths, together, strict=True):
+        alone = shooting.refined(world, [path], unit=0.2, iterations=6)[0]
+        np.testing.assert_array_equal(found.actions, alone.actions)
+        np.testing.assert_array_equal(found.states, alone.states)
+        assert found.transitions == alone.transitions
+
+
+class Shut(Box):
+    """A world whose support holds nothing: no tree leaves its root."""
+
+    def supported(self, z: Float32, limit: float) -> Any:
+        return np.zeros(len(z), np.bool_)
+
+
+def test_where_no_tree_can_grow_the_policy_leads_towards_the_goal() -> None:
+    query = problems(2)
+    plan = planner(Shut(wall=False)).plan(query)
+    assert (plan.length > 1).all()
+    assert (gaps(query, plan) < np.linalg.norm(query.start - query.goal, axis=1)).all()

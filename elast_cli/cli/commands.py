@@ -1,0 +1,243 @@
+"""The commands: parse, one call, print. Everything but typer is imported inside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import typer
+
+from elast_cli.cli.jobs import benchmark_of, finish, job_of, report
+from elast_cli.cli.options import (
+    MAX_SEED,
+    Env,
+    Evaluating,
+    Fitting,
+    Json,
+    Lineage,
+    Running,
+    Searching,
+    SomeEnv,
+    given,
+    inputs_of,
+    takes,
+)
+from elast_cli.cli.output import print_json, print_rich, print_text, show_data
+from elast_cli.errors import UsageError
+from elast_cli.models.parts import DATASET, PARTS, Part, closure, word
+
+AllInputs: Any = inputs_of([DATASET, *PARTS])
+
+
+def register(app: typer.Typer) -> None:
+    """Add all commands, in the order in which `--help` lists them."""
+    app.command()(collect)
+    for part in PARTS.values():
+        app.command(f"train-{word(part.kind)}", help=part.about)(_train_command(part))
+    app.command()(train_baseline)
+    app.command()(plan)
+    app.command("eval")(evaluate)
+    app.command("run")(run_chain)
+    app.command("ls")(list_artifacts)
+    for command in (show, verify, compare, gc, doctor):
+        app.command()(command)
+
+
+@takes(Lineage, Running)
+def collect(
+    env: Env,
+    lineage: Lineage,
+    running: Running,
+    n: Annotated[
+        int | None, typer.Option("--n", min=1, help="Transitions; default: the preset's.")
+    ] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes, in place of --n.")] = None,
+    max_episode_steps: Annotated[int | None, typer.Option(min=1, help="Steps of each.")] = None,
+) -> None:
+    """Collect random interaction into a dataset."""
+    if n is not None and episodes is not None:
+        raise UsageError("--n and --episodes both say how much to collect; give one of them")
+    extra = given(
+        ("--max-episode-steps", "collect.episode_steps", max_episode_steps), ("--n", "collect.n", n)
+    )
+    uses = ("env", "collect")
+    job = job_of(env, lineage, running, extra, uses=uses)
+    if episodes is not None:
+        length = int(str(job.config.plain("collect")["episode_steps"]))
+        extra += given(("--episodes", "collect.n", episodes * length))
+        job = job_of(env, lineage, running, extra, uses=uses)
+    from elast_cli.stages import collect as stage
+
+    finish(stage.recipe_job(job), running)
+
+
+def _train_command(part: Part) -> Callable[..., None]:
+    """The command that trains a part; it takes refs of all that the part is made from."""
+    inputs_class: Any = inputs_of(closure([part.kind])[:-1])
+
+    def train(env: Env, inputs: Any, fitting: Fitting, lineage: Lineage, running: Running) -> None:
+        from elast_cli.stages import train as stage
+
+        extra, uses = fitting.overrides(part.kind), ("env", part.kind)
+        job = job_of(env, lineage, running, extra, asdict(inputs), uses)
+        finish(stage.recipe_job(job, part.kind), running)
+
+    train.__annotations__["inputs"] = inputs_class
+    return takes(inputs_class, Fitting, Lineage, Running)(train)
+
+
+@takes(Lineage, Running)
+def train_baseline(
+    method: Annotated[str, typer.Argument(metavar="METHOD")],
+    env: Env,
+    lineage: Lineage,
+    running: Running,
+) -> None:
+    """Make the data and all parts that a method needs: one ref a line, in order."""
+    from elast_cli.methods.table import method_named
+    from elast_cli.stages import chain
+    from elast_cli.stages.run import planned_text
+
+    wanted = method_named(method)
+    uses = ("env", "collect", *closure(wanted.parts))
+    job = job_of(env, lineage, running, uses=uses).of_method(wanted)
+    if running.dry_run:
+        rows = chain.planned_models(job, wanted.parts)
+        print_json(rows) if running.json else print_text(planned_text(rows))
+        return
+    made = {role: str(ref) for role, ref in chain.make_models(job, wanted.parts).items()}
+    print_json(made) if running.json else print_text("\n".join(made.values()))
+
+
+@takes(AllInputs, Searching, Lineage, Running)
+def plan(
+    env: Env,
+    inputs: AllInputs,
+    searching: Searching,
+    lineage: Lineage,
+    running: Running,
+    method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
+    level: Annotated[str | None, typer.Option(help="Default: the hardest.")] = None,
+    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Which one.")] = 0,
+    scenario_seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of scenarios.")
+    ] = None,
+) -> None:
+    """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
+    from elast_cli.methods.table import method_named
+    from elast_cli.stages import plan as stage
+
+    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
+    extra += searching.overrides()
+    uses = ("env", "eval", *method_named(method).sections)
+    job = job_of(env, lineage, running, extra, asdict(inputs), uses)
+    wanted = stage.recipe_job(job, method, level or job.task_info.hardest.name, scenario)
+    finish(wanted, running, stage.document)
+
+
+@takes(Evaluating, AllInputs, Searching, Lineage, Running)
+def evaluate(
+    evaluating: Evaluating,
+    inputs: AllInputs,
+    searching: Searching,
+    lineage: Lineage,
+    running: Running,
+    env: SomeEnv = None,
+) -> None:
+    """Evaluate methods: success rates with intervals, pictures, results JSON."""
+    from elast_cli.envs.registry import names
+    from elast_cli.stages import run as stage
+    from elast_cli.store.manifest import Ref
+
+    bench = benchmark_of(evaluating, lineage)
+    named = {Ref.parse(text).env for text in asdict(inputs).values() if text}
+    extra = [*evaluating.overrides(), *searching.overrides()]
+    jobs = [
+        job_of(name, lineage, running, extra, asdict(inputs), bench.sections(make=False))
+        for name in ([env] if env else named or names())
+    ]
+    jobs = stage.complete(bench.having_levels(jobs), bench)
+    report(jobs, bench, running, make=False)
+
+
+@takes(Evaluating, Searching, Lineage, Running)
+def run_chain(
+    env: Env, evaluating: Evaluating, searching: Searching, lineage: Lineage, running: Running
+) -> None:
+    """Do everything: data, training, evaluation; what is there already is not done again."""
+    bench = benchmark_of(evaluating, lineage)
+    extra = [*evaluating.overrides(), *searching.overrides()]
+    job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
+    report(bench.having_levels([job]), bench, running, make=True)
+
+
+def list_artifacts(
+    env: SomeEnv = None,
+    kind: Annotated[str | None, typer.Option(help="One kind, such as encoder.")] = None,
+    json: Json = False,
+) -> None:
+    """List what there is."""
+    from elast_cli.envs.registry import spec
+    from elast_cli.stages import inspect
+    from elast_cli.store.store import Store
+
+    if env is not None:
+        spec(env)  # an unknown name is an error, not an empty list
+    rows = inspect.listing(Store.default(), env, kind)
+    show_data(rows, inspect.listing_table, json=json)
+
+
+def show(ref: str, json: Json = False) -> None:
+    """Show an artifact: recipe, metrics, files, and its lineage as a tree."""
+    from elast_cli.stages import inspect
+    from elast_cli.store.store import Store
+
+    show_data(inspect.description(Store.default(), ref), inspect.description_view, json=json)
+
+
+def verify(
+    refs: Annotated[list[str] | None, typer.Argument(metavar="[REF]...")] = None,
+    json: Json = False,
+) -> None:
+    """Check every file and the whole lineage of some artifacts, or of all."""
+    from elast_cli.stages import inspect
+    from elast_cli.store.store import Store
+
+    rows = inspect.verified(Store.default(), refs or [])
+    show_data(rows, inspect.verified_table, json=json)
+    inspect.refuse_damaged(rows)
+
+
+def compare(
+    ref_a: Annotated[str, typer.Argument(metavar="REF")],
+    ref_b: Annotated[str, typer.Argument(metavar="REF")],
+    json: Json = False,
+) -> None:
+    """Compare two evaluations on the scenarios they share, with intervals."""
+    from elast_cli.evaluation.comparison import comparison_table
+    from elast_cli.stages import inspect
+    from elast_cli.store.store import Store
+
+    found = inspect.comparison(Store.default(), ref_a, ref_b)
+    if json:
+        print_json([row.model_dump(mode="json") for row in found])
+    else:
+        print_rich(comparison_table(found))
+
+
+def gc(json: Json = False) -> None:
+    """Remove what interrupted runs left behind, except where one is in progress."""
+    from elast_cli.store.store import Store
+
+    removed = [str(path) for path in Store.default().gc()]
+    print_json(removed) if json else print_text("\n".join(removed))
+
+
+def doctor(json: Json = False) -> None:
+    """Check this machine: versions, cores, GPU, disk, store, and what mends what is missing."""
+    from elast_cli.stages import doctor as stage
+
+    checks = stage.checks()
+    show_data([check._asdict() for check in checks], stage.table, json=json)
+    stage.refuse_failed(checks)

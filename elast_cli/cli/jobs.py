@@ -1,0 +1,112 @@
+"""From flags to jobs, and jobs carried out. Imports are inside, so that `--help` is quick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from elast_cli.cli.options import Evaluating, Lineage, Override, Running
+from elast_cli.cli.output import print_json, print_rich, print_text
+from elast_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from elast_cli.stages.job import Job, RecipeJob
+    from elast_cli.stages.run import Benchmark
+    from elast_cli.store.manifest import Ref
+    from elast_cli.store.store import Store
+
+
+def job_of(
+    env: str,
+    lineage: Lineage,
+    running: Running,
+    extra: Sequence[Override] = (),
+    given: Mapping[str, str | None] | None = None,
+    uses: Collection[str] | None = None,
+) -> Job:
+    """The job that the flags describe.
+
+    Args:
+        env: the environment.
+        lineage: preset, overrides, seed.
+        running: how to run.
+        extra: what other flags override; they win.
+        given: refs named on the command line, by kind.
+        uses: sections of the preset that have an effect; others are noted. None: all have.
+    """
+    if running.fresh and running.resume:
+        raise UsageError("--resume and --fresh contradict each other; give one of them")
+    from elast_cli.cli import console
+    from elast_cli.engine.local import usable_cores
+    from elast_cli.stages import presets
+    from elast_cli.stages.job import Job, resolve_device
+    from elast_cli.store.manifest import Ref
+    from elast_cli.store.store import Store
+
+    progress = console.reporter(quiet=running.quiet)
+    config = presets.load(lineage.preset, env, lineage.set or [], extra)
+    for flag, text in [*(("--set", text) for text in lineage.set or []), *extra]:
+        section = text.partition(".")[0].strip()
+        if uses is not None and section not in uses:
+            progress.note(f"{flag}: section {section!r} has no effect here ({text})")
+    return Job(
+        store=Store.default(),
+        env=env,
+        preset=lineage.preset,
+        config=config,
+        seed=lineage.seed,
+        device=resolve_device(running.device),
+        threads=running.threads,
+        workers=running.workers or usable_cores(),
+        progress=progress,
+        given={role: Ref.parse(text) for role, text in (given or {}).items() if text is not None},
+        wait=not running.no_wait,
+        force=running.force,
+        fresh=running.fresh,
+    )
+
+
+def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
+    """What is to be evaluated."""
+    from elast_cli.stages.run import Benchmark
+
+    return Benchmark.parse(
+        evaluating.methods,
+        evaluating.level,
+        evaluating.seeds,
+        lineage.seed,
+        evaluating.require or [],
+        allow_overrides=evaluating.allow_overrides,
+    )
+
+
+def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bool) -> None:
+    """Evaluate, print the results of all jobs together, and hold them against the bounds."""
+    from elast_cli.stages import run
+
+    bench.expect(jobs)
+    if running.dry_run:
+        rows = [row for job in jobs for row in run.planned(job, bench, make=make)]
+        print_json(rows) if running.json else print_text(run.planned_text(rows))
+        return
+    reports = [run.evaluate_all(job, bench, make=make) for job in jobs]
+    outcome = run.Outcome.of(jobs[0], reports)
+    print_json(outcome.document(bench)) if running.json else print_rich(outcome.view())
+    outcome.require(bench)
+
+
+def finish(
+    wanted: RecipeJob, running: Running, document: Callable[[Store, Ref], Any] | None = None
+) -> None:
+    """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON."""
+    from elast_cli.stages import inspect
+
+    if running.dry_run:
+        plan = inspect.planned(wanted)
+        print_json(plan) if running.json else print_text(inspect.planned_line(plan))
+        return
+    ref = wanted.carry_out()
+    if running.json:
+        print_json((document or inspect.made)(wanted.job.store, ref))
+    else:
+        print_text(str(ref))

@@ -1,0 +1,218 @@
+"""Flags that several commands share, as dataclasses; imports typer and nothing heavier.
+
+`@takes(Lineage, Running)` hands a command one record a group; the command line sees flat flags.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import typing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, NamedTuple
+
+from typer import Option
+
+from elast_cli.models.parts import CONTEXT, DATASET
+
+MAX_SEED = 2**63 - 1
+
+Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
+Env = Annotated[str, Option("--env", metavar="NAME", help="Environment, such as block-s.")]
+SomeEnv = Annotated[
+    str | None, Option("--env", metavar="NAME", help="One environment; default: all that fit.")
+]
+
+
+class Override(NamedTuple):
+    """A value of a preset that a flag overrides.
+
+    Attributes:
+        flag: whom errors name.
+        text: section.key=value.
+    """
+
+    flag: str
+    text: str
+
+
+def given(*values: tuple[str, str, object]) -> list[Override]:
+    """Overrides of those (flag, section.key, value) that have a value."""
+    return [Override(flag, f"{key}={value}") for flag, key, value in values if value is not None]
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """Which lineage to work on, and its configuration."""
+
+    preset: Annotated[
+        str, Option(metavar="NAME", help="quick, standard, paper, or one in ./configs.")
+    ] = "standard"
+    set: Annotated[
+        list[str] | None,
+        Option("--set", metavar="SECTION.KEY=VALUE", help="Override one value; may be repeated."),
+    ] = None
+    seed: Annotated[
+        int, Option(min=0, max=MAX_SEED, help="Seed of data, training and planner.")
+    ] = 0
+
+
+@dataclass(frozen=True)
+class Running:
+    """How to run; only device and threads are part of an artifact's recipe."""
+
+    device: Annotated[str, Option(metavar="auto|cpu|cuda", help="Where torch computes.")] = "auto"
+    threads: Annotated[int, Option(min=1, help="Torch threads a process.")] = 1
+    workers: Annotated[
+        int, Option(min=0, help="Processes; 0: one a core. Never changes a result.")
+    ] = 0
+    force: Annotated[bool, Option("--force", help="Make it again even if it is there.")] = False
+    resume: Annotated[
+        bool, Option("--resume", help="Continue an interrupted run; it is what happens anyway.")
+    ] = False
+    fresh: Annotated[bool, Option("--fresh", help="Forget what an interrupted run did.")] = False
+    no_wait: Annotated[
+        bool, Option("--no-wait", help="Exit 75 if another process makes the same artifact.")
+    ] = False
+    dry_run: Annotated[bool, Option("--dry-run", help="Say what would be done.")] = False
+    quiet: Quiet = False
+    json: Json = False
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How long and how fast to train."""
+
+    steps: Annotated[int | None, Option(min=1, help="Gradient steps.")] = None
+    batch_size: Annotated[int | None, Option(min=2, help="Items a step.")] = None
+    log_freq: Annotated[int | None, Option(min=1, help="Steps between two log rows.")] = None
+    save_freq: Annotated[int | None, Option(min=1, help="Steps between two checkpoints.")] = None
+
+    def overrides(self, section: str) -> list[Override]:
+        """What these flags override in a section."""
+        return given(
+            ("--steps", f"{section}.fit.steps", self.steps),
+            ("--batch-size", f"{section}.fit.batch_size", self.batch_size),
+            ("--log-freq", f"{section}.fit.log_every", self.log_freq),
+            ("--save-freq", f"{section}.fit.save_every", self.save_freq),
+        )
+
+
+def inputs_of(kinds: Sequence[str]) -> type[Any]:
+    """A record of refs, one flag a kind of artifact: `--dataset`, `--encoder`, ..."""
+
+    def flag(kind: str) -> Any:
+        where = "Default: the highest version that fits." if kind == DATASET else "As --dataset."
+        if kind == CONTEXT:
+            where = "As --dataset; only where episodes differ."
+        return Annotated[str | None, Option(metavar="REF", help=where)]
+
+    fields = [(kind, flag(kind), field(default=None)) for kind in kinds]
+    return dataclasses.make_dataclass("Inputs", fields, frozen=True)
+
+
+@dataclass(frozen=True)
+class Evaluating:
+    """What is evaluated."""
+
+    methods: Annotated[str, Option(metavar="A,B", help="Methods, separated by commas.")] = (
+        "elast,cpc-cem,random"
+    )
+    level: Annotated[
+        str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
+    ] = None
+    episodes: Annotated[int | None, Option(min=1, help="Scenarios a level and seed.")] = None
+    scenario_seed: Annotated[
+        int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
+    ] = None
+    num_envs: Annotated[
+        int | None, Option(min=1, help="Episodes that run side by side in a process.")
+    ] = None
+    seeds: Annotated[
+        str | None, Option(metavar="0,1,2", help="Several training seeds in place of --seed.")
+    ] = None
+    require: Annotated[
+        list[str] | None,
+        Option(
+            metavar="'elast>=90'", help="Exit 3 if the success rate misses it; may be repeated."
+        ),
+    ] = None
+    allow_overrides: Annotated[
+        bool,
+        Option("--allow-overrides", help="Let --require pass models that --set made differ."),
+    ] = False
+
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(
+            ("--episodes", "eval.episodes", self.episodes),
+            ("--scenario-seed", "eval.scenario_seed", self.scenario_seed),
+            ("--num-envs", "eval.num_envs", self.num_envs),
+        )
+
+
+@dataclass(frozen=True)
+class Searching:
+    """Bounds of a tree search."""
+
+    max_nodes: Annotated[
+        int | None, Option(min=1, help="Most nodes a search tree may have; bounds memory.")
+    ] = None
+    time_budget: Annotated[
+        float | None,
+        Option(
+            metavar="SECONDS",
+            help="Most time a tree search may take; what it finds is then not repeatable.",
+        ),
+    ] = None
+
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(
+            ("--max-nodes", "planner.max_nodes", self.max_nodes),
+            ("--time-budget", "planner.time_budget", self.time_budget),
+        )
+
+
+def takes(*groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator: the command's parameters of these types become the flags of their fields."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        records = {p.annotation: p.name for p in own if p.annotation in groups}
+        flags = [p for p in own if p.annotation not in groups]
+        flags += [flag for group in groups for flag in _flags(group)]
+
+        @functools.wraps(command)
+        def flagged(**values: Any) -> None:
+            for group, name in records.items():
+                fields = [entry.name for entry in dataclasses.fields(group)]
+                values[name] = group(**{name: values.pop(name) for name in fields})
+            command(**values)
+
+        # what typer reads in place of the wrapped function's own
+        del flagged.__wrapped__
+        flagged.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # typer reads it
+            [flag.replace(kind=inspect.Parameter.KEYWORD_ONLY) for flag in flags]
+        )
+        flagged.__annotations__ = {flag.name: flag.annotation for flag in flags}
+        return flagged
+
+    return decorate
+
+
+def _flags(group: type[Any]) -> list[inspect.Parameter]:
+    """The fields of a group as parameters."""
+    hints = typing.get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            entry.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=entry.default,
+            annotation=hints[entry.name],
+        )
+        for entry in dataclasses.fields(group)
+    ]

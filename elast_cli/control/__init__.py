@@ -1,0 +1,1 @@
+"""Controllers: from frames to actions, and the episode loop."""

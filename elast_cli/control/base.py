@@ -1,0 +1,85 @@
+"""What every controller takes and offers, and the functions of trained models that it calls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar
+
+from pydantic import Field
+
+from elast_cli.config import StrictModel
+from elast_cli.shapes import Bool, Float32, Int64, Uint8
+
+S = TypeVar("S")
+
+
+class ControlConfig(StrictModel):
+    """How a plan is followed; n_replan is not stated in the paper's main text.
+
+    Either π tracks its states, or its actions are played as they stand: that suits plans made by
+    shooting, which are refined again every few steps.
+    """
+
+    follow: Literal["states", "actions"] = "states"
+    replan_every: int = Field(default=20, ge=1)
+    lookahead: int = Field(default=3, ge=1)
+    patience: int = Field(default=2, ge=0)  # steps without moving that make a plan fail; 0: any
+    stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
+
+
+@dataclass(frozen=True)
+class Task:
+    """B episodes.
+
+    Attributes:
+        goal: goal states u8 [B,F,64,64,3].
+        seed: of all planning [B].
+        context: context images u8 [B,64,64,3], where the environment shows them.
+    """
+
+    goal: Uint8
+    seed: Int64
+    context: Uint8 | None = None
+
+
+class Controller(Protocol[S]):
+    """Every method: planned, reactive or random. State goes in and out."""
+
+    def begin(self, task: Task) -> S:
+        """State before the first step."""
+        ...
+
+    def act(self, state: S, frames: Uint8, running: Bool) -> tuple[Float32, S]:
+        """Actions [B,A] for frames [B,F,64,64,3]; rows that are not running cost nothing."""
+        ...
+
+
+class Estimator(Protocol[S]):
+    """From what is seen and done to latents: φ, or a recurrent filter. State goes in and out."""
+
+    def begin(self, task: Task) -> tuple[Float32, S]:
+        """Latents of the goals [B,Z], and the state before the first step."""
+        ...
+
+    def update(self, state: S, frames: Uint8, last_action: Float32 | None) -> tuple[Float32, S]:
+        """Latents [B,Z] of frames [B,F,64,64,3] that the last action [B,A] led to.
+
+        There is no last action at the first step. A row's latent depends on that row alone.
+        """
+        ...
+
+
+class ContextReader(Protocol):
+    """From context images to context vectors."""
+
+    def __call__(self, images: Uint8 | None, rows: int) -> Float32:
+        """u8 [B,64,64,3] of B = `rows` episodes, if there are any -> [B,C]; C may be 0."""
+        ...
+
+
+class LocalControl(Protocol):
+    """π as a function on arrays."""
+
+    def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
+        """[B,Z], [B,Z], [B,C] -> [B,A]."""
+        ...

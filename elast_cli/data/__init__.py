@@ -1,0 +1,1 @@
+"""Datasets of episodes: their HDF5 layout, shards, and safe reading."""

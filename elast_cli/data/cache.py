@@ -1,0 +1,89 @@
+"""Arrays that can be computed anew at any time: found again whole and verified, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from elast_cli.config import JsonDict
+from elast_cli.errors import StorageError
+from elast_cli.files import make_folders, open_regular, refuse_links, whole_file
+from elast_cli.shapes import Float32
+
+MOST_BYTES = 4 << 30  # of all files together; the oldest go first
+_ENTRY = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # names of entries, also of unfinished ones
+
+
+class ArrayCache:
+    """Arrays float32 by key, one file each: a SHA-256 in hexadecimal, a line feed, the numbers.
+
+    The SHA-256 is of key and numbers. An entry that is damaged is made anew, and a folder that
+    cannot be written to is no error: then nothing is kept.
+    """
+
+    def __init__(self, folder: Path, *, most_bytes: int = MOST_BYTES) -> None:
+        """A cache in `folder`, which need not exist yet."""
+        self.folder, self.most_bytes = folder, most_bytes
+
+    def array(self, key: JsonDict, shape: tuple[int, ...], make: Callable[[], Float32]) -> Float32:
+        """The array of a key, of `shape`; `make` computes it unless it is there."""
+        name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+        path = self.folder / f"{name}.f32"
+        found = self._read(path, name, shape)
+        if found is None:
+            found = make()
+            self._write(path, name, found)
+        return found
+
+    def _read(self, path: Path, name: str, shape: tuple[int, ...]) -> Float32 | None:
+        """What is stored, if it is what the key and its SHA-256 say."""
+        found = np.empty(shape, np.float32)
+        head = len(_head(name, found))
+        try:
+            refuse_links(self.folder.parent, self.folder, path)
+            with open_regular(path) as file:
+                stored = file.read(head)
+                size = file.readinto(found.data.cast("B")) if found.size else 0
+                whole = size == found.nbytes and not file.read(1)
+        except (OSError, ValueError, StorageError):
+            return None
+        return found if whole and stored == _head(name, found) else None
+
+    def _write(self, path: Path, name: str, array: Float32) -> None:
+        """Keep an array, if the disk allows it."""
+        with suppress(OSError, StorageError):
+            refuse_links(self.folder.parent, self.folder)
+            make_folders(self.folder)
+            if self._make_room(array.nbytes):
+                with whole_file(path) as file:
+                    file.write(_head(name, array))
+                    file.write(np.ascontiguousarray(array).data.cast("B"))
+
+    def _make_room(self, size: int) -> bool:
+        """Remove the oldest entries until `size` bytes fit; False if they never do."""
+        entries = [(path.stat(), path) for path in self.folder.iterdir() if _is_entry(path)]
+        used = sum(status.st_size for status, _ in entries)
+        for status, path in sorted(entries, key=lambda entry: entry[0].st_mtime_ns):
+            if used + size <= self.most_bytes:
+                break
+            path.unlink(missing_ok=True)
+            used -= status.st_size
+        return used + size <= self.most_bytes
+
+
+def _is_entry(path: Path) -> bool:
+    """Whether a path is a file that a cache has made."""
+    return bool(_ENTRY.fullmatch(path.name)) and path.is_file() and not path.is_symlink()
+
+
+def _head(name: str, array: Float32) -> bytes:
+    """The first line of an entry."""
+    digest = hashlib.sha256(name.encode())
+    digest.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    return digest.hexdigest().encode() + b"\n"

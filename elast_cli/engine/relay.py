@@ -1,0 +1,99 @@
+"""Progress of worker processes, shown by their parent."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, Protocol
+
+from elast_cli.progress import Advance, Progress
+
+SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
+
+
+class _Queue(Protocol):
+    """The part of a queue that both ends need."""
+
+    def put(self, item: Any) -> None:
+        """Send."""
+        ...
+
+    def get(self) -> Any:
+        """Wait for the next item."""
+        ...
+
+
+class Relay:
+    """Progress in a worker that is shown by its parent."""
+
+    SEND_EVERY = 0.2  # seconds
+
+    def __init__(self, queue: _Queue) -> None:
+        self._queue = queue
+        self._tasks = 0
+
+    @contextmanager
+    def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
+        """Show a bar in the parent."""
+        self._tasks += 1
+        key = (os.getpid(), threading.get_ident(), self._tasks)
+        waiting, sent = 0, time.monotonic()
+
+        def advance(steps: int) -> None:
+            nonlocal waiting, sent
+            waiting += steps
+            if time.monotonic() - sent >= self.SEND_EVERY:
+                self._queue.put(("advance", key, waiting))
+                waiting, sent = 0, time.monotonic()
+
+        self._queue.put(("open", key, (label, total, done)))
+        try:
+            yield advance
+        finally:
+            self._queue.put(("advance", key, waiting))
+            self._queue.put(("close", key, None))
+
+    def note(self, text: str) -> None:
+        """Say one line in the parent."""
+        self._queue.put(("note", None, text))
+
+
+@contextmanager
+def relayed(progress: Progress, *, wanted: bool = True) -> Iterator[Progress]:
+    """Progress that can be sent to workers and ends up in `progress`; itself if not `wanted`."""
+    if not wanted:
+        yield progress
+        return
+    with SPAWN.Manager() as manager:
+        queue = manager.Queue()
+        listener = threading.Thread(target=_listen, args=(queue, progress), daemon=True)
+        listener.start()
+        try:
+            yield Relay(queue)
+        finally:
+            queue.put(("end", None, None))
+            listener.join()
+
+
+def _listen(queue: _Queue, progress: Progress) -> None:
+    """Show what workers send until the end is sent."""
+    open_tasks: dict[Any, tuple[ExitStack, Advance]] = {}
+    while True:
+        what, key, value = queue.get()
+        if what == "end":
+            break
+        if what == "note":
+            progress.note(value)
+        elif what == "open":
+            stack = ExitStack()
+            open_tasks[key] = stack, stack.enter_context(progress.task(*value))
+        elif what == "advance":
+            open_tasks[key][1](value)
+        elif what == "close":
+            open_tasks.pop(key)[0].close()
+    for stack, _ in open_tasks.values():
+        stack.close()

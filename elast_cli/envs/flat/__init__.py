@@ -1,0 +1,1 @@
+"""What the flat workspaces share: rasters, rectangles, shortest paths."""

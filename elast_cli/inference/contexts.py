@@ -1,0 +1,21 @@
+"""Context images as the vectors that dynamics, density and policy are given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elast_cli.models.context.net import ContextAutoencoder, context_vectors
+from elast_cli.shapes import Float32, Uint8
+
+
+class ContextVectors:
+    """The context autoencoder's codes, row by row independent; C = 0 without a model."""
+
+    def __init__(self, model: ContextAutoencoder | None) -> None:
+        self.model = model
+
+    def __call__(self, images: Uint8 | None, rows: int) -> Float32:
+        """Context images u8 [B,64,64,3] of B = `rows` episodes, if there are any -> [B,C]."""
+        if self.model is None or images is None:
+            return np.zeros((rows, 0), np.float32)
+        return context_vectors(self.model, images)

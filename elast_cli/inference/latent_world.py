@@ -1,0 +1,230 @@
+"""Trained models as the functions that a search calls: fast, and the same for any batch.
+
+On a CPU a row's result never depends on how many rows it came with, to the bit.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+
+from elast_cli.inference.dense import DenseNetwork
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.nets import ForwardModel, LatentScale
+from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.planners import grid
+from elast_cli.planners.grid import Cells
+from elast_cli.planners.neighbors import any_within
+from elast_cli.shapes import Bool, Float32, Int64
+
+
+@njit(cache=True, nogil=True)
+def _pair_hidden(
+    features: Float32, source: Int64, target: Int64, width: int
+) -> tuple[Float32, Float32]:
+    """First layer of ψ after its ReLU [P,W] and squared scaled distance [P] of index pairs."""
+    latent = features.shape[1] - 2 * width
+    hidden = np.empty((len(source), width), np.float32)
+    gap = np.empty(len(source), np.float32)
+    for p in range(len(source)):
+        here, there = features[source[p]], features[target[p]]
+        for d in range(width):
+            hidden[p, d] = max(here[d] + there[width + d], np.float32(0))
+        total = np.float32(0)
+        for d in range(latent):
+            step = there[2 * width + d] - here[2 * width + d]
+            total += step * step
+        gap[p] = total
+    return hidden, gap
+
+
+@njit(cache=True, nogil=True)
+def _inputs(z: Float32, mean: Float32, std: Float32, beside: Float32, context: Float32) -> Float32:
+    """Network inputs [M,Z+X+C]: standardised latents [M,Z], others [M,X], contexts [M,C]."""
+    latents, others = z.shape[1], beside.shape[1]
+    out = np.empty((z.shape[0], latents + others + context.shape[1]), np.float32)
+    for m in range(z.shape[0]):
+        for d in range(latents):
+            out[m, d] = (z[m, d] - mean[d]) / std[d]
+        for d in range(others):
+            out[m, latents + d] = beside[m, d]
+        for d in range(context.shape[1]):
+            out[m, latents + others + d] = context[m, d]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _scaled(z: Float32, z_next: Float32, scale: Float32) -> Float32:
+    """Steps from z to z' [M,Z] in units of `scale` [Z]."""
+    out = np.empty_like(z)
+    for m in range(z.shape[0]):
+        for d in range(z.shape[1]):
+            out[m, d] = (z_next[m, d] - z[m, d]) / scale[d]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float32]:
+    """Mean next latent [M,Z] and variance [M] over members' steps [E,M,Z] in units of `scale`."""
+    members = np.float32(steps.shape[0])
+    following = np.empty_like(z)
+    variance = np.zeros(z.shape[0], np.float32)
+    for m in range(z.shape[0]):
+        for d in range(z.shape[1]):
+            mean = np.float32(0)
+            for e in range(steps.shape[0]):
+                mean += steps[e, m, d]
+            mean /= members
+            spread = np.float32(0)
+            for e in range(steps.shape[0]):
+                spread += (steps[e, m, d] - mean) ** 2
+            following[m, d] = z[m, d] + mean * scale[d]
+            variance[m] += spread / members * scale[d] ** 2
+    return following, variance
+
+
+@njit(cache=True, nogil=True)
+def _tanh(x: Float32) -> Float32:
+    """Element by element: numpy's vectors and their ends need not agree in the last bit."""
+    out = np.empty_like(x)
+    for m in range(x.shape[0]):
+        for d in range(x.shape[1]):
+            out[m, d] = np.tanh(x[m, d])
+    return out
+
+
+def _array(x: Tensor) -> Float32:
+    found: Float32 = np.ascontiguousarray(x.detach().cpu().numpy())
+    return found
+
+
+class Scale:
+    """`LatentScale` as arrays [Z]."""
+
+    def __init__(self, scale: LatentScale) -> None:
+        self.mean, self.std, self.step = map(_array, (scale.mean, scale.std, scale.step))
+
+
+class PolicyCall:
+    """π on arrays, row by row independent."""
+
+    def __init__(self, policy: LocalPolicy) -> None:
+        self.scale = Scale(policy.scale)
+        self._net = DenseNetwork.of(policy.net)
+
+    def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
+        """[B,Z], [B,Z], [B,C] -> action [B,A]."""
+        step = _scaled(z, z_next, self.scale.step)
+        return _tanh(self._net(_inputs(z, self.scale.mean, self.scale.std, step, context))[0])
+
+
+class LatentWorld:
+    """φ's latent space as a world to search: H_f, ψ, support and π for B scenarios.
+
+    Satisfies `planners.base.World`; items name their scenario, and so their context, by row.
+    """
+
+    def __init__(
+        self,
+        *,
+        dynamics: SupportedDynamics,
+        density: TransitionDensity,
+        policy: LocalPolicy,
+        forward_model: ForwardModel | None = None,
+    ) -> None:
+        """Take frozen models; with `forward_model`, h_f alone predicts and variance is 0."""
+        self.latent_size, self.action_size = density.latent_size, policy.action_size
+        self.width = density.config.width
+        self.feature_size = 2 * self.width + self.latent_size
+        self.members = 1 if forward_model else dynamics.config.members
+        self.context = np.zeros((0, 0), np.float32)
+        self.support = _array(dynamics.support.latents)
+        self.axes = grid.principal_axes(self.support)
+        self._cells: dict[float, Cells] = {}
+        self._scale = Scale(dynamics.ensemble.scale)
+        self._ensemble = DenseNetwork.of(dynamics.ensemble.layers)
+        self._library = [(w.cpu(), b.cpu()[:, None]) for w, b in self._ensemble.layers]
+        self._single = DenseNetwork.of(forward_model.net) if forward_model else None
+        self._policy = PolicyCall(policy)
+        self._first = DenseNetwork([_first_layer_as_network(density)])
+        self._rest = DenseNetwork.of(density.rest)
+        self._relative = density.relative
+        std = density.noise_std()
+        self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
+
+    def at(self, context: Float32) -> LatentWorld:
+        """This world for scenarios with contexts [B,C]."""
+        world = copy(self)
+        world.context = context
+        return world
+
+    def _contexts(self, row: Int64) -> Float32:
+        """Contexts [M,C] of the items' scenarios."""
+        size = self.context.shape[1]
+        return self.context[row] if size else np.empty((len(row), 0), np.float32)
+
+    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
+        """Next latent [M,Z] and variance [M] of H_f (or of h_f, with variance 0)."""
+        if self._single is not None:
+            delta = self._single(np.concatenate([z, action, self._contexts(row)], 1))[0]
+            return z + delta, np.zeros(len(z), np.float32)
+        scale = self._scale
+        steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
+        return _moments(steps, scale.step, z)
+
+    @torch.inference_mode()
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Next latent [M,Z] of H_f (or of h_f) in scenario `row`, by library products."""
+        if self._single is not None:
+            return self.step(z, action, np.full(len(z), row))[0]
+        context = np.repeat(self.context[row : row + 1], len(z), axis=0)
+        scale = self._scale
+        x = torch.from_numpy(_inputs(z, scale.mean, scale.std, action, context))
+        y = x.expand(self.members, -1, -1)
+        for i, (weight, bias) in enumerate(self._library):
+            y = torch.baddbmm(bias, torch.relu(y) if i else y, weight)
+        step: Float32 = y.mean(0).numpy()
+        return z + step * scale.step
+
+    def features(self, z: Float32, row: Int64) -> Float32:
+        """A node's two parts of ψ's first layer and its scaled latent [M,E]."""
+        context = self._contexts(row)
+        found: Float32 = self._first(np.concatenate([z, context], 1) if context.shape[1] else z)[0]
+        return found
+
+    def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
+        """ln p(target | source) [P] of index pairs into a feature table [N,E]."""
+        hidden, gap = _pair_hidden(features, source, target, self.width)
+        log_ratio: Float32 = self._rest(hidden)[0, :, 0]
+        if self._relative:
+            return log_ratio
+        return log_ratio - np.float32(0.5) * gap + np.float32(self._log_noise)
+
+    def supported(self, z: Float32, limit: float) -> Bool:
+        """Whether an encoded training state lies within `limit` of each latent: [M]."""
+        if limit not in self._cells:
+            found = grid.empty_cells(1, len(self.support), axes=self.axes, side=limit)
+            grid.add(found, self.support[None], np.zeros(1, int), np.array([len(self.support)]))
+            self._cells[limit] = found
+        return any_within(self._cells[limit], z, limit)
+
+    def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
+        """π's action [M,A] from z to z'."""
+        return self._policy(z, z_next, self._contexts(row))
+
+
+def _first_layer_as_network(density: TransitionDensity) -> tuple[Tensor, Tensor]:
+    """`TransitionDensity.features` as one affine map of [z, c]: weight [1,Z+C,E], bias [1,E]."""
+    with torch.no_grad():
+        z_size = density.latent_size
+        c_size = density.first.in_features - 2 * z_size
+        probe = torch.eye(z_size + c_size, device=density.first.weight.device)
+        zero = torch.zeros(1, z_size + c_size, device=probe.device)
+        bias = density.features(zero[:, :z_size], zero[:, z_size:])[0]
+        weight = density.features(probe[:, :z_size], probe[:, z_size:]) - bias
+    return weight[None], bias[None]

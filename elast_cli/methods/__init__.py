@@ -1,0 +1,1 @@
+"""Methods: models, planners and controllers put together."""

@@ -1,0 +1,65 @@
+"""ELAST: trees through latent space, refined by shooting, followed by MPC (Sec. 4.3, 4.4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from elast_cli.control.base import ControlConfig, Controller
+from elast_cli.control.followers import PlayActions, TrackStates
+from elast_cli.control.replan import Replan
+from elast_cli.inference.contexts import ContextVectors
+from elast_cli.inference.frames import FrameEncoder
+from elast_cli.inference.latent_world import LatentWorld, PolicyCall
+from elast_cli.methods.loading import Models
+from elast_cli.methods.thresholds import limits, radii
+from elast_cli.models.context.net import ContextAutoencoder
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.planners.base import Planner
+from elast_cli.planners.refined_tree import ShootingPlanner
+from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner
+from elast_cli.preset import Preset
+
+
+def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
+    """The controller of ELAST and of its variants."""
+    encoder = models.part("encoder", Representation)
+    control = preset.section("control", ControlConfig)
+    tracking = TrackStates(PolicyCall(models.part("policy", LocalPolicy)), control.lookahead)
+    return Replan(
+        estimator=FrameEncoder(encoder.encoder),
+        contexts=ContextVectors(models.maybe("context", ContextAutoencoder)),
+        planner=planner(models, preset.section("planner", TreeConfig)),
+        follower=PlayActions() if control.follow == "actions" else tracking,
+        every=control.replan_every,
+        patience=control.patience,
+        stall_distance=control.stall_steps * encoder.step_length(0.5),
+    )
+
+
+def planner(models: Models, config: TreeConfig) -> Planner:
+    """The planner on trained models, with its thresholds from their calibration.
+
+    It grows trees, and where the configuration has it refines their paths by shooting.
+    """
+    trees = tree_planner(models, config)
+    median = models.part("encoder", Representation).step_length(0.5)
+    if not config.refine.iterations:
+        return trees
+    goal, kept = config.refine.goal_steps * median, config.refine.kept_steps * median
+    return ShootingPlanner(trees, median, goal, kept)
+
+
+def tree_planner(models: Models, config: TreeConfig) -> ElastPlanner:
+    """The part of the planner that grows trees."""
+    dynamics = models.part("encoder", Representation).dynamics
+    world = LatentWorld(
+        dynamics=models.part("ensemble", SupportedDynamics),
+        density=models.part("density", TransitionDensity),
+        policy=models.part("policy", LocalPolicy),
+        forward_model=None if config.use_ensemble else dynamics,
+    )
+    return ElastPlanner(world.at, config, limits(models, config), radii(models, config))

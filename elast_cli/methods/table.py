@@ -1,0 +1,226 @@
+"""The table of methods, light and lazy: a method is one file and one row, an ablation is data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from elast_cli.config import JsonDict
+from elast_cli.errors import UsageError, suggestion
+from elast_cli.models.parts import PARTS, closure, imported
+
+if TYPE_CHECKING:
+    from elast_cli.control.base import Controller
+    from elast_cli.methods.loading import Models
+    from elast_cli.preset import Preset
+
+Changes = Mapping[str, JsonDict]  # section -> keys that differ from the preset
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table. Functions and classes are named `module:name`.
+
+    Attributes:
+        name: the word given to `--methods`.
+        about: one line for people.
+        parts: kinds of the learned parts that it needs; `context` only where there are any.
+        sections: sections of the preset that change its results, with the class that parses each.
+        builder: called as builder(models, preset, env, rows), returns a `Controller`.
+        changes: keys of sections that differ from the preset. Those of a part's section make parts
+            of this method's own; all other parts are shared.
+    """
+
+    name: str
+    about: str
+    parts: tuple[str, ...]
+    sections: Mapping[str, str]
+    builder: str
+    changes: Changes = field(default_factory=dict)
+
+    @property
+    def build(self) -> Callable[[Models, Preset, str, int], Controller[Any]]:
+        """From (models, preset, environment, number of episodes) to a controller."""
+        found: Callable[[Models, Preset, str, int], Controller[Any]] = imported(self.builder)
+        return found
+
+    @property
+    def part_changes(self) -> dict[str, JsonDict]:
+        """Keys of parts' sections that differ from the preset, by kind."""
+        return {kind: self.changes[kind] for kind in closure(self.parts) if kind in self.changes}
+
+    def configure(self, preset: Preset) -> Preset:
+        """The preset with this method's changes in it."""
+        return preset.changed(self.changes, by=f"method {self.name}") if self.changes else preset
+
+    def settings(self, preset: Preset) -> JsonDict:
+        """The sections that this method's results depend on, besides those of its parts."""
+        own = self.configure(preset)
+        return {name: own.plain(name) for name in self.sections}
+
+
+METHODS: dict[str, Method] = {}
+
+
+def register(method: Method) -> None:
+    """Add a row to the table. Raises ValueError if the name is taken or a part is unknown."""
+    if method.name in METHODS:
+        raise ValueError(f"there is a method {method.name!r} already")
+    for kind in method.parts:
+        if kind not in PARTS:
+            raise ValueError(f"method {method.name!r} needs {kind!r}, which is no learned part")
+    METHODS[method.name] = method
+
+
+def variant(name: str, *, of: str, about: str, **changes: Mapping[str, Any]) -> None:
+    """Add a method that differs from another in keys of sections, those of its parts included.
+
+    variant("elast-single", of="elast", about="...", ensemble={"net": {"members": 1}})
+    """
+    base = METHODS[of]
+    merged = {**base.changes}
+    for section, change in changes.items():
+        merged[section] = joined(merged.get(section, {}), change)
+    register(Method(name, about, base.parts, base.sections, base.builder, merged))
+
+
+def joined(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested changes `base` with those of `over` in place of its own."""
+    both = {
+        key: joined(base[key], value)
+        for key, value in over.items()
+        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
+    }
+    return {**base, **over, **both}
+
+
+def method_named(name: str) -> Method:
+    """The method of that name.
+
+    Raises:
+        UsageError: naming the choices and the closest of them.
+    """
+    if name not in METHODS:
+        hint = suggestion(name, METHODS)
+        raise UsageError(f"unknown method {name!r}{hint}; choose {', '.join(METHODS)}")
+    return METHODS[name]
+
+
+def needing(section: str) -> list[str]:
+    """Names of the methods whose results depend on a section."""
+    return [name for name, method in METHODS.items() if section in method.sections]
+
+
+def names(methods: Collection[Method]) -> str:
+    """Their names, separated by commas."""
+    return ", ".join(method.name for method in methods)
+
+
+PLANNER = {"planner": "elast_cli.planners.tree.config:TreeConfig"}
+CONTROL = {"control": "elast_cli.control.base:ControlConfig"}
+TREES_ALONE = {"follow": "states", "replan_every": 20}
+ONE_BY_ONE = {"min": 1, "max": 1}
+
+register(
+    Method(
+        name="elast",
+        about="tree search with all tests",
+        parts=("context", "encoder", "ensemble", "density", "policy"),
+        sections=PLANNER | CONTROL,
+        builder="elast_cli.methods.elast:build",
+    )
+)
+register(
+    Method(
+        name="cpc-cem",
+        about="cross-entropy method on h_f",
+        parts=("context", "encoder"),
+        sections={"cem": "elast_cli.planners.cem:CemConfig"} | CONTROL,
+        builder="elast_cli.methods.cem:build",
+    )
+)
+register(
+    Method(
+        name="random",
+        about="the collection policy",
+        parts=(),
+        sections={"collect": "elast_cli.control.collection:CollectConfig"},
+        builder="elast_cli.methods.random_actions:build",
+    )
+)
+variant(
+    "elast-psi",
+    of="elast",
+    about="without the support and round-trip tests",
+    planner={"tests": {"support_quantile": None, "round_trip_quantile": None}},
+)
+variant(
+    "elast-literal",
+    of="elast-psi",
+    about="Sec. 4.3 to the letter",
+    planner={
+        "batch": ONE_BY_ONE,
+        "sampling": {
+            "sparse_exponent": 1.0,
+            "crowding": "reachable",
+            "crowding_steps": None,
+            "count_rejections": False,
+        },
+        "actions": {"edge": 0.0, "momentum": 0.0},
+        "rewire": {"candidates": 1_000_000},
+        "reuse": {"enabled": False, "failure_steps": 0.0},
+        "refine": {"iterations": 0},
+        "duplicate_steps": 0.0,
+        "prune": False,
+    },
+    control={**TREES_ALONE, "patience": 0},
+)
+variant("elast-serial", of="elast", about="one expansion at a time", planner={"batch": ONE_BY_ONE})
+variant(
+    "elast-no-reuse",
+    of="elast",
+    about="every plan grows a new tree",
+    planner={"reuse": {"enabled": False}},
+)
+variant(
+    "elast-no-refine",
+    of="elast",
+    about="trees alone, no shooting",
+    planner={"refine": {"iterations": 0}},
+    control=TREES_ALONE,
+)
+variant(
+    "elast-no-support",
+    of="elast",
+    about="no support test",
+    planner={"tests": {"support_quantile": None}},
+)
+variant(
+    "elast-no-roundtrip",
+    of="elast",
+    about="no round-trip test",
+    planner={"tests": {"round_trip_quantile": None}},
+)
+for _base in ("elast", "elast-psi"):
+    variant(
+        f"{_base}-no-density",
+        of=_base,
+        about="ψ rejects nothing",
+        planner={"tests": {"density_quantile": None}},
+    )
+    variant(
+        f"{_base}-no-rewire", of=_base, about="no rewiring", planner={"rewire": {"enabled": False}}
+    )
+    variant(
+        f"{_base}-no-sparse",
+        of=_base,
+        about="no bias to sparse nodes",
+        planner={"sampling": {"p_sparse": 0.0, "p_uniform": 0.98}},
+    )
+    variant(
+        f"{_base}-no-ensemble",
+        of=_base,
+        about="h_f alone, no variance test",
+        planner={"use_ensemble": False, "tests": {"variance_quantile": None}},
+    )

@@ -1,0 +1,25 @@
+"""Configuration of the context autoencoder."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from elast_cli.config import StrictModel
+from elast_cli.models.part import FitConfig, Section
+
+
+class ContextConfig(StrictModel):
+    """Shape of the autoencoder; the paper says only that it is convolutional."""
+
+    latent_size: int = Field(default=16, gt=0, le=256, description="numbers in a context vector")
+    channels: int = Field(default=16, gt=0, le=256, description="of the first layer")
+    pool: Literal[1, 2, 4] = Field(default=2, description="pixels averaged on each axis, before")
+
+
+class ContextSection(Section):
+    """Everything `train-context` needs."""
+
+    net: ContextConfig = ContextConfig()
+    fit: FitConfig = FitConfig(steps=2000, batch_size=128)

@@ -1,0 +1,48 @@
+"""Configuration of the transition density ψ."""
+
+from __future__ import annotations
+
+from pydantic import AliasChoices, Field
+
+from elast_cli.config import StrictModel
+from elast_cli.models.part import MAX_WIDTH, FitConfig, Section
+
+
+class DensityConfig(StrictModel):
+    """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
+
+    Where episodes differ in their context, a share `context_share` of the noise are transitions
+    that fit other contexts. With such noise, up to `relabelled_share` of the data are transitions
+    of other episodes that fit the context, too. Of the rest of the noise, a share `near_share`
+    leads to latents of the data within `near_radius` (in 95 % quantiles of the step lengths) of the
+    source. With neither, it is the paper's Gaussian noise.
+    """
+
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    depth: int = Field(default=2, ge=1, le=10, description="hidden layers")
+    noise_ratio: int = Field(default=10, ge=1)
+    noise_scale: float = Field(default=1.0, gt=0)
+    near_share: float = Field(default=0.8, ge=0, le=1)
+    near_radius: float = Field(default=1.25, gt=0)
+    context_share: float = Field(default=0.5, ge=0, le=1)
+    relabelled_share: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        validation_alias=AliasChoices("relabelled_share", "lent_share"),  # as models of 0.1 say
+    )
+
+    def elsewhere(self, context_size: int) -> int:
+        """How many of the ν false transitions fit other contexts, of `context_size` numbers."""
+        return round(self.context_share * self.noise_ratio) if context_size else 0
+
+    def near(self, context_size: int) -> int:
+        """How many of the ν false transitions lead to latents of the data near by."""
+        return round(self.near_share * (self.noise_ratio - self.elsewhere(context_size)))
+
+
+class DensitySection(Section):
+    """Everything `train-density` needs."""
+
+    net: DensityConfig = DensityConfig()
+    fit: FitConfig = FitConfig(steps=5000, batch_size=512)

@@ -1,0 +1,1 @@
+"""Encoder φ and its training objective."""

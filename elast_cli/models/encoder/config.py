@@ -1,0 +1,66 @@
+"""Configuration of the encoder φ and its objective."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from elast_cli.config import StrictModel
+from elast_cli.models.part import MAX_WIDTH, FitConfig, Section
+
+
+class EncoderConfig(StrictModel):
+    """Shape of φ. The paper's appendix has its sizes; these are our choice.
+
+    With `frames` 1, φ sees only the last frame of a state: for worlds where nothing moves by itself
+    and one frame shows all there is to know. With `whiten`, faint hues count as much as brightness.
+    """
+
+    architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
+    latent_size: int = Field(default=8, gt=0, le=256)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    pool: Literal[1, 2, 4, 8] = 4
+    frames: Literal[1, 3] = 3
+    whiten: bool = False
+    channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
+
+
+class CpcConfig(StrictModel):
+    """The objective of Eq. 4; k and K_h are not stated in the paper's main text.
+
+    `negatives` are the last states of the batch's other windows, or all states of all windows. The
+    latter differ from the positive by few steps, so that telling them apart asks for fine detail.
+
+    With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
+    close together in latent space, searched for anew every `refresh` steps.
+
+    With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
+    `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
+    apart in these images (`models/isometry.py`).
+    """
+
+    horizon: int = Field(default=3, ge=1, le=20)
+    consistency_weight: float = Field(default=4.0, ge=0)
+    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    still_share: float = Field(default=0.5, ge=0, le=1)
+    negatives: Literal["last", "window"] = "last"
+    lookalikes: int = Field(default=1, ge=1, le=1024)
+    refresh: int = Field(default=250, ge=1)
+    isometry_weight: float = Field(default=0.0, ge=0)
+    isometry_blur: float = Field(default=5.0, gt=0)
+    isometry_reach: float = Field(default=6.0, gt=0)
+
+
+class EncoderSection(Section):
+    """Everything `train-encoder` needs."""
+
+    net: EncoderConfig = EncoderConfig()
+    cpc: CpcConfig = CpcConfig()
+    fit: FitConfig = FitConfig(steps=8000, batch_size=256)
+
+    @model_validator(mode="after")
+    def _resumable(self) -> EncoderSection:
+        if self.cpc.lookalikes > 1 and self.fit.save_every % self.cpc.refresh:
+            raise ValueError("fit.save_every must be a multiple of cpc.refresh, to be resumable")
+        return self

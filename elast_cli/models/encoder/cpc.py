@@ -1,0 +1,86 @@
+"""Contrastive predictive coding: what trains φ together with h_f (Eq. 3, 4)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from elast_cli.config import StrictModel
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
+from elast_cli.models.encoder.isometry import isometry_loss
+from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.nets import ForwardModel, LatentScale, QuantileTable
+from elast_cli.models.part import Sizes
+
+
+def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
+    """InfoNCE with the critic -‖z̃ - z‖² (Eq. 3, 4): scalar from predictions [M,Z], states [nM,Z].
+
+    Row i's positive is state i; all others are its negatives.
+    """
+    logits = -torch.cdist(prediction, future).square()
+    return functional.cross_entropy(logits, torch.arange(len(logits), device=logits.device))
+
+
+class Representation(nn.Module):
+    """φ and h_f, trained together, with the statistics of the latents they produce."""
+
+    def __init__(
+        self, encoder: EncoderConfig, cpc: CpcConfig, action_size: int, context_size: int
+    ) -> None:
+        super().__init__()
+        self.cpc = cpc
+        self.encoder = Encoder(encoder)
+        self.dynamics = ForwardModel(
+            encoder.latent_size, action_size, context_size, cpc.dynamics_width
+        )
+        self.scale = LatentScale(encoder.latent_size)
+        self.step_length_quantiles = QuantileTable()
+
+    def step_length(self, probability: float) -> float:
+        """Length in latent units below which a share `probability` of observed steps lies."""
+        return self.step_length_quantiles.at(probability)
+
+
+def cpc_loss(
+    model: Representation, features: Tensor, actions: Tensor, context: Tensor, config: CpcConfig
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Loss of Eq. 4 and its parts.
+
+    Args:
+        model: φ and h_f.
+        features: preprocessed stacks [M, k+1, F, 3, S, S].
+        actions: [M, k, A].
+        context: [M, C].
+        config: k and K_h.
+    """
+    m, steps = features.shape[0], features.shape[1]
+    flat = features.flatten(0, 1)
+    z = model.encoder(flat).unflatten(0, (m, steps))
+    predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
+    for i in range(config.horizon):
+        predicted = model.dynamics(predicted, actions[:, i], context)
+        consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
+    latest_first = z.flip(1).transpose(0, 1).flatten(0, 1)
+    states = latest_first if config.negatives == "window" else z[:, -1]
+    contrast = info_nce(predicted, states)
+    total = contrast + config.consistency_weight * consistency
+    parts = {"info_nce": contrast, "consistency": consistency}
+    if config.isometry_weight:
+        images = model.encoder.normalized(flat[:, -1]).unflatten(0, (m, steps))
+        isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
+        total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
+    return total, parts
+
+
+class EncoderSpec(StrictModel):
+    """What is stored of φ and h_f beside its weights."""
+
+    sizes: Sizes
+    net: EncoderConfig
+    cpc: CpcConfig
+
+    def build(self) -> Representation:
+        """φ and h_f of this shape."""
+        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)

@@ -1,0 +1,69 @@
+"""A whole dataset encoded by a trained φ."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from elast_cli.data.dataset import Dataset
+from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.encoder.windows import FrameWindows, frame_features
+from elast_cli.models.latents import LatentData
+from elast_cli.models.outputs import Outputs
+from elast_cli.models.part import Setting
+from elast_cli.shapes import Float32, Int64
+
+
+@torch.no_grad()
+def encode(
+    dataset: Dataset,
+    context: Tensor,
+    encoder: Encoder,
+    setting: Setting,
+    *,
+    windows: FrameWindows | None = None,
+    outputs: Outputs | None = None,
+) -> LatentData:
+    """Encode every row of a dataset with a trained φ.
+
+    Args:
+        dataset: what to encode.
+        context: context vector of each episode [E,C].
+        encoder: φ.
+        setting: seed of the split, device, memory.
+        windows: the dataset's windows, where they are there already.
+        outputs: latents that were computed before.
+    """
+    device = setting.device
+    encoder.eval()
+
+    def every_row() -> Float32:
+        shown = windows or FrameWindows(
+            dataset, frame_features(dataset, encoder, setting), context.to(device)
+        )
+        own = deepcopy(encoder)  # its weights in fresh memory: products may depend on alignment
+        return latents(own, shown, np.arange(len(dataset.pixels))).cpu().numpy()
+
+    shape = len(dataset.pixels), encoder.config.latent_size
+    z = outputs.array(encoder, encoder.config, shape, every_row) if outputs else every_row()
+    train, val = dataset.split(setting.validation_share, setting.seed)
+    return LatentData(
+        z=torch.from_numpy(z).to(device),
+        action=torch.from_numpy(dataset.action).to(device),
+        context=context.to(device)[torch.from_numpy(dataset.episode).to(device)],
+        state=torch.from_numpy(dataset.state).to(device),
+        train=torch.from_numpy(dataset.starts(train, 1)).to(device),
+        val=torch.from_numpy(dataset.starts(val, 1)).to(device),
+    )
+
+
+@torch.no_grad()
+def latents(encoder: Encoder, windows: FrameWindows, rows: Int64) -> Tensor:
+    """Latents [M,Z] of the states at `rows` [M]."""
+    parts = [
+        encoder(windows.stacks(part)) for part in np.array_split(rows, max(1, len(rows) // 1024))
+    ]
+    return torch.cat(parts)

@@ -1,0 +1,56 @@
+"""Encoder φ: three stacked frames to a small latent state (Sec. 4.1)."""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+
+from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.models.nets import PooledImages, mlp
+
+
+class Encoder(PooledImages):
+    """φ: frames [..., F, 64, 64, 3] -> latent [..., Z].
+
+    Work that depends on one frame alone is done once for a whole dataset by `preprocess`; `forward`
+    then takes stacks of preprocessed frames, normalised by the training data's mean image and one
+    global scale, or whitened colours. Without that the latent collapses to one dimension.
+
+    Where obstacles change with the episode, frames come less their context image: so φ depends on
+    the context, and what is left of a frame is what moves.
+    """
+
+    def __init__(self, config: EncoderConfig) -> None:
+        super().__init__(config.pool, whiten=config.whiten)
+        self.config = config
+        side = self.side
+        if config.architecture == "pooled-mlp":
+            n_in = config.frames * 3 * side * side
+            self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
+        else:
+            self.net = ConvStack(side, config)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Encode stacks [M,F,3,S,S] to latents [M,Z]."""
+        x = self.normalized(features[:, -self.config.frames :])
+        convolved = isinstance(self.net, ConvStack)
+        latent: Tensor = self.net(x.flatten(1, 2) if convolved else x.flatten(1))
+        return latent.float()
+
+
+class ConvStack(nn.Module):
+    """Strided convolutions (kernel 4, stride 2, doubling channels) and a two-layer head."""
+
+    def __init__(self, side: int, config: EncoderConfig) -> None:
+        super().__init__()
+        channels, n_in = config.channels, config.frames * 3
+        layers: list[nn.Module] = []
+        while side > 4:
+            layers += [nn.Conv2d(n_in, channels, 4, stride=2, padding=1), nn.ReLU()]
+            n_in, channels, side = channels, min(2 * channels, 256), side // 2
+        self.body = nn.Sequential(*layers, nn.Flatten())
+        self.head = mlp([n_in * side * side, config.width, config.latent_size])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Frames beside each other as channels [M,F·3,S,S] -> [M,Z]."""
+        latent: Tensor = self.head(self.body(x))
+        return latent

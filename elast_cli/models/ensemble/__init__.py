@@ -1,0 +1,1 @@
+"""Dynamics ensemble H_f and its support."""

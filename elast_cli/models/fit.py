@@ -1,0 +1,112 @@
+"""The only training loop: Adam with a one-cycle rate, resumable at any step.
+
+A batch is a pure function of (seed, part, step), so a killed run that resumes from its last
+checkpoint ends with the same weights as one that was never interrupted.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from elast_cli.errors import DataError
+from elast_cli.models.checkpoint import TrainingState
+from elast_cli.models.part import FitConfig, Setting, stream
+from elast_cli.models.precision import resolved
+from elast_cli.seeding import generator
+
+Loss = Callable[[np.random.Generator], tuple[Tensor, Mapping[str, Tensor]]]
+Validate = Callable[[], Mapping[str, float]]
+
+METRICS = "metrics.csv"
+
+
+def fit(
+    kind: str,
+    module: nn.Module,
+    loss: Loss,
+    validate: Validate,
+    *,
+    config: FitConfig,
+    setting: Setting,
+) -> list[dict[str, float]]:
+    """Train `module` in place and return the rows of its metrics, one per `log_every` steps.
+
+    Args:
+        kind: of the part; names its random stream and its progress bar.
+        module: what to train; moved to its device already.
+        loss: draws a batch from the generator it is given and returns the loss and its parts.
+        validate: metrics on held-out data, called at every logged step.
+        config: steps, rate, intervals.
+        setting: seed, folder of the checkpoint, progress.
+
+    Raises:
+        DataError: the loss is not finite, or the checkpoint is damaged.
+    """
+    state = TrainingState(module, config, setting.work)
+    low = resolved(config.precision, setting.device.type) == "bfloat16"
+    if state.restore():
+        setting.progress.note(f"{kind}: resuming at step {state.step} of {config.steps}")
+    module.train()
+    with setting.progress.task(kind, config.steps, state.step) as advance:
+        while state.step < config.steps:
+            with torch.autocast(setting.device.type, torch.bfloat16, enabled=low):
+                value, parts = loss(generator("train", setting.seed, stream(kind), state.step))
+            _refuse_infinite(kind, value, state)
+            state.advance(value)
+            advance(1)
+            if state.step % config.log_every == 0 or state.step == config.steps:
+                state.rows.append(_row(state.step, value, parts, validate))
+            if state.step % config.save_every == 0 and state.step < config.steps:
+                state.save()
+    if low:
+        round_weights(module)
+    module.eval()
+    return state.rows
+
+
+def _refuse_infinite(kind: str, value: Tensor, state: TrainingState) -> None:
+    """Raise DataError if a loss is not finite; the last checkpoint stays."""
+    if not torch.isfinite(value):
+        raise DataError(
+            f"{kind}: the loss is {value.item()} at step {state.step}, learning rate "
+            f"{state.learning_rate:.2g}; lower it: --set {kind}.fit.learning_rate=... --fresh"
+        )
+
+
+@torch.no_grad()
+def round_weights(module: nn.Module) -> None:
+    """Round trained parameters to bfloat16; they stay float32."""
+    for parameter in module.parameters():
+        parameter.copy_(parameter.bfloat16())
+
+
+def _row(
+    step: int, value: Tensor, parts: Mapping[str, Tensor], validate: Validate
+) -> dict[str, float]:
+    train = {f"train_{name}": part.item() for name, part in parts.items()}
+    with torch.no_grad():
+        held_out = {f"val_{name}": number for name, number in validate().items()}
+    return {"step": step, "train_loss": value.item(), **train, **held_out}
+
+
+def write_metrics(rows: list[dict[str, float]], folder: Path) -> None:
+    """Write the training curve as CSV and as a TensorBoard event file into `folder`."""
+    with (folder / METRICS).open("x", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    from torch.utils.tensorboard import SummaryWriter  # slow to import: only where it is used
+
+    with SummaryWriter(str(folder)) as board:
+        for row in rows:
+            for name, value in row.items():
+                if name != "step":
+                    board.add_scalar(name, value, int(row["step"]))
+    for events in folder.glob("events.out.tfevents.*"):  # named after host and time; drop both
+        events.rename(folder / "events.out.tfevents.elast")

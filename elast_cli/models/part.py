@@ -1,0 +1,123 @@
+"""What a learned part is: its section of a preset, what it is trained with, what training leaves.
+
+Nothing here needs torch at run time, so that presets are validated without it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from pydantic import Field
+
+from elast_cli.config import StrictModel
+from elast_cli.progress import Progress
+from elast_cli.seeding import derived_seed
+from elast_cli.shapes import Uint8
+
+if TYPE_CHECKING:
+    import torch
+    from torch import nn
+
+MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
+_MAX_SIZE = 1 << 20
+Precision = Literal["float32", "bfloat16", "auto"]
+_STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
+
+
+class FitConfig(StrictModel):
+    """How long and how fast to train.
+
+    With `precision` bfloat16, matrix products and convolutions of training compute in it, and the
+    trained weights are rounded to it, which halves their files; all else stays float32. It pays for
+    wide networks, on processors that have such products; on others it is slow. With `auto` it is
+    used where the device has them.
+    """
+
+    steps: int = Field(gt=0)
+    batch_size: int = Field(gt=1)
+    learning_rate: float = Field(default=1e-3, gt=0)
+    weight_decay: float = Field(default=0.0, ge=0)
+    precision: Precision = "float32"
+    log_every: int = Field(default=100, gt=0)
+    save_every: int = Field(default=500, gt=0)
+
+
+class Section(StrictModel):
+    """A part's section of a preset. Parts add their own records, such as `net`."""
+
+    fit: FitConfig
+
+
+class Sizes(StrictModel):
+    """What a model's shape depends on besides its configuration."""
+
+    latent: int = Field(gt=0, le=_MAX_SIZE)
+    action: int = Field(gt=0, le=_MAX_SIZE)
+    context: int = Field(ge=0, le=_MAX_SIZE)
+    state: int = Field(gt=0, le=_MAX_SIZE)
+
+
+class ModelSpec(Protocol):
+    """What is stored beside the weights: all that is needed to build the module again."""
+
+    def build(self) -> nn.Module:
+        """A module of the right shape, with any weights."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reconstructions:
+    """Images u8 [N,H,W,3] beside what a part that decodes makes of them, and a label for each."""
+
+    images: Uint8
+    decoded: Uint8
+    labels: list[int]
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained part.
+
+    Attributes:
+        module: with its weights and calibration.
+        spec: from which it can be built again; a StrictModel.
+        curve: one row of metrics every `fit.log_every` steps.
+        metrics: of the finished part, for its manifest.
+        reconstructions: of a few held-out images, where the part decodes any.
+    """
+
+    module: nn.Module
+    spec: StrictModel
+    curve: list[dict[str, float]]
+    metrics: dict[str, float]
+    reconstructions: Reconstructions | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where and how a training runs; the same for every part.
+
+    `memory_gb` bounds what a training on images takes: those that do not fit stay on disk.
+    """
+
+    seed: int
+    work: Path
+    device: torch.device
+    progress: Progress
+    validation_share: float = 0.1
+    memory_gb: float = 4.0
+
+
+def stream(kind: str) -> int:
+    """Number of a part's random stream: no two parts of one seed see the same batches."""
+    return _STREAMS.get(kind, zlib.crc32(kind.encode()))
+
+
+def seed_torch(seed: int, kind: str) -> None:
+    """Make the initial weights a function of (seed, kind)."""
+    import torch
+
+    torch.manual_seed(derived_seed("train", seed, stream(kind)))

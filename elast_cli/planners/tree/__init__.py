@@ -1,0 +1,1 @@
+"""Tree search: grow, rewire, reuse (Sec. 4.3)."""

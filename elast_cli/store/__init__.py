@@ -1,0 +1,1 @@
+"""The artifact store: manifests, recipes, runs, lineage."""

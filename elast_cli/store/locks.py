@@ -1,0 +1,76 @@
+"""Inter-process locks of a store, also where the file system has none of its own."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+
+from elast_cli.errors import BusyError, StorageError
+from elast_cli.files import make_folders, refuse_links
+
+LOCKS = ".locks"
+_NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}  # a network disk without a lock daemon
+
+Note = Callable[[str], None]
+
+
+@contextmanager
+def held(
+    root: Path, name: str, *, busy: str = "", wait: bool = True, note: Note | None = None
+) -> Iterator[None]:
+    """Hold the lock `name` of the store folder `root`.
+
+    Its file stays, since removing it would split those who wait. Where the file system has no
+    locks, a file created exclusively stands for one, and that is noted.
+
+    Args:
+        root: of the store's artifacts.
+        name: of the lock.
+        busy: what the holder does, for whoever waits.
+        wait: wait for the holder.
+        note: is told before waiting.
+
+    Raises:
+        BusyError: another process holds it and `wait` is false.
+        StorageError: there can be no lock, such as where a folder stands in its place.
+    """
+    lock = _acquired(root, name, busy=busy, wait=wait, note=note)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _acquired(root: Path, name: str, *, busy: str, wait: bool, note: Note | None) -> BaseFileLock:
+    folder = root / LOCKS
+    refuse_links(folder)
+    make_folders(folder)
+    path = folder / f"{name}.lock"
+    if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+        raise StorageError(f"{path}: not a plain file, so it can be no lock; remove it")
+    try:
+        return _wait_for(FileLock(path), busy=busy, wait=wait, note=note)
+    except (OSError, NotImplementedError) as reason:
+        if isinstance(reason, OSError) and reason.errno not in _NO_LOCKS:
+            raise
+        if note:
+            note(f"{root} has no file locks; a file that is created exclusively stands for one")
+        soft = SoftFileLock(folder / f"{name}.exclusive")
+        return _wait_for(soft, busy=busy, wait=wait, note=note)
+
+
+def _wait_for(lock: BaseFileLock, *, busy: str, wait: bool, note: Note | None) -> BaseFileLock:
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        if not wait:
+            raise BusyError(f"{busy}; without --no-wait elast waits for it") from None
+        if note and busy:
+            note(f"{busy}; waiting for it")
+        lock.acquire()
+    return lock

@@ -1,0 +1,332 @@
+"""The store: numbered artifacts that appear whole or not at all, and are never changed after.
+
+    <home>/data/<env>/dataset/v<N>/        datasets
+    <home>/artifacts/<env>/<kind>/v<N>/    everything else
+        .runs/<recipe digest>/             what an interrupted run resumes from
+        .staging/<recipe digest>.<uuid>/   files on their way to be published
+        .locks/                            one lock per recipe and per kind
+        .cache/                            what was computed from artifacts, to be found again
+
+A stage uses it in one way:
+
+    with store.begin(recipe, parents={"dataset": ref}, on_wait=say) as run:
+        if run.published:
+            return run.published               # the same recipe was made before
+        ...                                    # resumable state in run.work
+        ...                                    # the artifact's files in run.staging
+        return run.publish(metrics)
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from elast_cli.errors import BusyError, DataError, MissingInputError
+from elast_cli.files import refuse_links, remove_folder, storage_errors
+from elast_cli.store.locks import LOCKS, held
+from elast_cli.store.manifest import (
+    MANIFEST,
+    MANIFEST_DIGEST,
+    FileEntry,
+    Manifest,
+    Parent,
+    Recipe,
+    Ref,
+    measure,
+    read_manifest,
+    refuse_link,
+)
+from elast_cli.store.run import HIGHEST, Run
+
+__all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
+
+_MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
+_DIGEST = re.compile("[0-9a-f]{64}")
+MAX_GENERATIONS = 32
+
+
+@dataclass(frozen=True)
+class LineageNode:
+    """An artifact, the role it plays for its child ("" at the root), and its own parents.
+
+    `lost`: it does not exist; then its parents are not known.
+    """
+
+    ref: Ref
+    role: str
+    parents: tuple[LineageNode, ...]
+    lost: bool = False
+
+
+class Store:
+    """The artifacts below one home folder."""
+
+    def __init__(self, home: Path) -> None:
+        """A store in `home`, which need not exist yet; nothing is written before a run begins."""
+        self.home = home.expanduser().absolute()
+        self._verified: dict[tuple[str, str], tuple[int, int, int]] = {}
+
+    @classmethod
+    def default(cls) -> Store:
+        """The store in $ELAST_HOME, or else in the working directory."""
+        return cls(Path(os.environ.get("ELAST_HOME") or "."))
+
+    def root(self, kind: str) -> Path:
+        """The folder of all environments' artifacts of a kind."""
+        return self.home / ("data" if kind == "dataset" else "artifacts")
+
+    @property
+    def cache(self) -> Path:
+        """The folder of what was computed from artifacts and can be computed anew at any time."""
+        return self.root("other") / ".cache"
+
+    def path(self, ref: Ref) -> Path:
+        """Where the artifact is, or would be."""
+        return self.root(ref.kind) / ref.env / ref.kind / f"v{ref.version}"
+
+    def refs(self, env: str | None = None, kind: str | None = None) -> list[Ref]:
+        """All published refs, sorted, perhaps of one environment or kind only."""
+        found = []
+        for root in (self.root("dataset"), self.root("other")):
+            for folder in root.glob("[!.]*/[!.]*/v*"):
+                text = folder.relative_to(root).as_posix()
+                if (ref := Ref.maybe(text)) and self.path(ref) == folder and folder.is_dir():
+                    found.append(ref)
+        return sorted(ref for ref in found if env in (None, ref.env) and kind in (None, ref.kind))
+
+    def manifest(self, ref: Ref) -> Manifest:
+        """The verified manifest of an artifact.
+
+        Raises:
+            MissingInputError: there is no such artifact; says what there is and what makes it.
+            DataError: the manifest is damaged, unsafe or of a newer elast.
+        """
+        return self._read(ref)[0]
+
+    def digest(self, ref: Ref) -> str:
+        """Digest of the artifact's manifest, which names its exact content."""
+        return self._read(ref)[1]
+
+    def file(self, ref: Ref, name: str) -> Path:
+        """Path of a member whose size and SHA-256 were just found right.
+
+        Raises:
+            DataError: the member is missing, changed or a link.
+        """
+        manifest, digest = self._read(ref)
+        if name not in manifest.files:
+            raise DataError(f"{ref}: it has no file {name!r}, only {', '.join(manifest.files)}")
+        self._check_member(ref, digest, name, manifest.files[name])
+        return self.path(ref) / name
+
+    def find(self, recipe: Recipe) -> Ref | None:
+        """The highest version made by this very recipe, if there is one."""
+        return self.latest(
+            recipe.env, recipe.kind, where=lambda found: found.recipe_digest == recipe.digest
+        )
+
+    def latest(self, env: str, kind: str, *, where: Callable[[Manifest], bool]) -> Ref | None:
+        """The highest version whose manifest verifies and fits `where`."""
+        for ref in reversed(self.refs(env, kind)):
+            try:
+                manifest = self.manifest(ref)
+            except DataError:
+                continue  # `verify` and `ls` report it; a damaged artifact is never chosen
+            if where(manifest):
+                return ref
+        return None
+
+    @contextmanager
+    def begin(
+        self,
+        recipe: Recipe,
+        *,
+        parents: Mapping[str, Ref],
+        wait: bool = True,
+        force: bool = False,
+        on_wait: Callable[[str], None] | None = None,
+    ) -> Iterator[Run]:
+        """A run of the recipe under its lock; `run.published` is set if there is nothing to do.
+
+        A second run of the same recipe waits for the first, after telling `on_wait`; `force`
+        makes the artifact again. Disk errors in the block leave it as StorageError.
+
+        Raises:
+            BusyError: the lock is held and `wait` is false.
+            DataError: a parent is not the one that the recipe was written for.
+        """
+        digests = {role: self.digest(ref) for role, ref in parents.items()}
+        if digests != recipe.parents:
+            raise DataError(f"the parents of this {recipe.kind} changed while it was prepared")
+        run = Run(
+            recipe=recipe,
+            parents={
+                role: Parent(ref=str(ref), digest=digests[role]) for role, ref in parents.items()
+            },
+            root=self.root(recipe.kind),
+            published=None if force else self.find(recipe),
+        )
+        if run.published:  # nothing is written: the store may be another one's
+            yield run
+            return
+        busy = f"another process is making this {recipe.env}/{recipe.kind}"
+        with storage_errors(), held(run.root, recipe.digest, busy=busy, wait=wait, note=on_wait):
+            run.published = None if force else self.find(recipe)  # by whom it was waited for
+            try:
+                if not run.published:
+                    run.prepare()
+                yield run
+            finally:
+                run.clean()
+
+    def verify(self, ref: Ref) -> Manifest:
+        """The manifest, after every file of the artifact and of all its ancestors was checked.
+
+        Raises:
+            MissingInputError: there is no such artifact.
+            DataError: names the file or parent that is missing, extra, changed or cyclic.
+        """
+        for node in _postorder(self.lineage(ref)):
+            manifest, digest = self._read(node.ref)
+            folder = self.path(node.ref)
+            present = {entry.name for entry in os.scandir(folder)}
+            extra = present - set(manifest.files) - {MANIFEST, MANIFEST_DIGEST}
+            if extra:
+                raise DataError(f"{node.ref}: {min(extra)!r} is not in its manifest")
+            for name, entry in manifest.files.items():
+                self._check_member(node.ref, digest, name, entry, again=True)
+        return self.manifest(ref)
+
+    def lineage(self, ref: Ref, *, allow_lost: bool = False) -> LineageNode:
+        """The artifact and its ancestors, each with the digest that its child recorded.
+
+        Raises:
+            MissingInputError: there is no such artifact.
+            DataError: a parent is another one than recorded, its own ancestor, or missing and that
+                is not allowed.
+        """
+        parents: dict[Ref, tuple[LineageNode, ...]] = {}
+
+        def visit(child: Ref, path: tuple[Ref, ...]) -> tuple[LineageNode, ...]:
+            if child not in parents:
+                found = []
+                for role, parent in self.manifest(child).parents.items():
+                    parent_ref = Ref.parse(parent.ref)
+                    if parent_ref in path or len(path) > MAX_GENERATIONS:
+                        raise DataError(f"{child}: its {role} {parent_ref} closes a cycle")
+                    if allow_lost and not self.path(parent_ref).exists():
+                        found.append(LineageNode(parent_ref, role, (), lost=True))
+                        continue
+                    self._check_parent(child, role, parent_ref, parent.digest)
+                    found.append(
+                        LineageNode(parent_ref, role, visit(parent_ref, (*path, parent_ref)))
+                    )
+                parents[child] = tuple(found)
+            return parents[child]
+
+        return LineageNode(ref, "", visit(ref, (ref,)))
+
+    def gc(self) -> list[Path]:
+        """Remove what interrupted runs left, and the cache: what is gone.
+
+        What a run in progress uses is not removed.
+
+        Only what has the form of elast's own leftovers is removed, and no link is followed.
+
+        Raises:
+            StorageError: a folder of the store is a link, or the disk fails; nothing is removed.
+        """
+        roots = (self.root("dataset"), self.root("other"))
+        for root in roots:
+            refuse_links(root / ".staging", root / ".runs", root / LOCKS, root / self.cache.name)
+        cached = [
+            path for path in sorted(self.cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))
+        ]
+        with storage_errors():
+            for path in cached:
+                path.unlink(missing_ok=True)
+        return cached + [path for root in roots for path in self._collected(root)]
+
+    def _collected(self, root: Path) -> list[Path]:
+        """Remove the leftovers below one root: what is gone."""
+        removed = []
+        found = [*root.glob(".staging/*"), *root.glob(".runs/*"), *root.glob(f"*/*/.{HIGHEST}.*")]
+        for path in sorted(found):
+            name = path.name.partition(".")[0]
+            if path.parent.parent == root and not _DIGEST.fullmatch(name):
+                continue  # nothing that elast made
+            lock = name or f"{path.parent.parent.name}.{path.parent.name}"
+            try:
+                with storage_errors(), held(root, lock, wait=False):
+                    if path.is_dir() and not path.is_symlink():
+                        remove_folder(path)
+                    else:
+                        path.unlink(missing_ok=True)
+            except BusyError:
+                continue
+            removed.append(path)
+        return removed
+
+    def _read(self, ref: Ref) -> tuple[Manifest, str]:
+        if not os.path.lexists(self.path(ref)):
+            raise MissingInputError(self._missing(ref))
+        return read_manifest(self.path(ref), ref)
+
+    def _missing(self, ref: Ref) -> str:
+        there = [str(other) for other in self.refs(ref.env, ref.kind)]
+        if there:
+            return f"{ref} does not exist; there is {', '.join(there)}"
+        maker = _MAKERS.get(ref.kind, f"train-{ref.kind.replace('_', '-')}")
+        return f"{ref} does not exist; run: elast {maker} --env {ref.env}"
+
+    def _check_parent(self, child: Ref, role: str, parent: Ref, digest: str) -> None:
+        try:
+            found = self.digest(parent)
+        except MissingInputError:
+            raise DataError(f"{child}: its {role} {parent} no longer exists") from None
+        if found != digest:
+            raise DataError(
+                f"{child}: its {role} {parent} is another one than it was made from "
+                f"(digest {found[:12]}, recorded {digest[:12]})"
+            )
+
+    def _check_member(
+        self, ref: Ref, digest: str, name: str, entry: FileEntry, *, again: bool = False
+    ) -> None:
+        """Raise DataError unless a member is as recorded; unchanged since last time is enough."""
+        path = self.path(ref) / name
+        refuse_link(path, ref)
+        try:
+            status = path.stat()
+            if status.st_size != entry.size:
+                raise DataError(f"{ref}: {name} has {status.st_size} bytes, not {entry.size}")
+            stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
+            if again or self._verified.get((digest, name)) != stamp:
+                with storage_errors():
+                    found = measure(path)
+                if found != entry:
+                    raise DataError(f"{ref}: {name} was changed: its sha256 differs")
+                self._verified[digest, name] = stamp
+        except FileNotFoundError:
+            raise DataError(f"{ref}: {name} is missing") from None
+        except ValueError as reason:
+            raise DataError(f"{ref}: {name}: {reason}") from None
+
+
+def _postorder(node: LineageNode) -> list[LineageNode]:
+    """Every artifact of a lineage once, parents before children."""
+    ordered: dict[Ref, LineageNode] = {}
+
+    def visit(node: LineageNode) -> None:
+        if node.ref not in ordered:
+            for parent in node.parents:
+                visit(parent)
+            ordered[node.ref] = node
+
+    visit(node)
+    return list(ordered.values())

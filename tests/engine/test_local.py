@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from elast_cli.engine.base import Engine
+from elast_cli.engine.local import MOST_DEATHS, LocalEngine, usable_cores
+from elast_cli.errors import DataError, UnavailableError
+
+
+def test_cores_are_counted_where_the_system_has_no_affinity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert usable_cores() >= 1
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert usable_cores() == os.cpu_count()
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def die_once(item: tuple[Path, int]) -> int:
+    mark, number = item
+    if number == 3 and not mark.exists():
+        mark.write_text("")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die(_number: int) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def fail(number: int) -> int:
+    raise DataError(f"item {number} is bad")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_item_is_done_once(workers: int) -> None:
+    assert sorted(LocalEngine(workers).each(square, range(5))) == [0, 1, 4, 9, 16]
+
+
+def test_a_killed_worker_is_replaced(tmp_path: Path) -> None:
+    items = [(tmp_path / "died", number) for number in range(8)]
+    assert sorted(LocalEngine(2).each(die_once, items)) == list(range(8))
+    assert (tmp_path / "died").exists()
+
+
+def test_workers_that_keep_dying_are_an_error_with_a_way_out() -> None:
+    with pytest.raises(UnavailableError, match=f"{MOST_DEATHS} worker processes.*--workers"):
+        list(LocalEngine(2).each(die, range(2)))
+
+
+def test_an_error_in_a_worker_is_the_callers() -> None:
+    with pytest.raises(DataError, match=r"item . is bad"):
+        list(LocalEngine(2).each(fail, range(2)))
+
+
+def test_keys_wait_for_what_they_need() -> None:
+    needs = {"a": [], "b": ["a", "elsewhere"], "c": ["a"], "d": ["b", "c"]}
+    for workers in (1, 2):
+        made: dict[str, int] = {}
+
+        def item(key: str, made: dict[str, int] = made) -> int:
+            return 1 + sum(made[need] for need in needs[key] if need in needs)
+
+        for key, result in LocalEngine(workers).graph(needs, item, square):
+            made[key] = result
+        assert made == {"a": 1, "b": 4, "c": 4, "d": 81}
+
+
+def test_keys_that_wait_for_one_another_are_an_error() -> None:
+    with pytest.raises(ValueError, match="wait for one another: a, b"):
+        list(LocalEngine().graph({"a": ["b"], "b": ["a"]}, len, square))
+
+
+def test_the_local_engine_offers_what_stages_ask_of_an_engine() -> None:
+    engine: Engine = LocalEngine(2)
+    assert engine.workers == 2

@@ -1,0 +1,80 @@
+"""Small untrained models of every kind, with scales and tables that are not the defaults."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from elast_cli.config import StrictModel
+from elast_cli.models.context.config import ContextConfig
+from elast_cli.models.context.net import ContextAutoencoder, ContextSpec
+from elast_cli.models.density.config import DensityConfig
+from elast_cli.models.density.net import DensitySpec, TransitionDensity
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
+from elast_cli.models.encoder.cpc import EncoderSpec, Representation
+from elast_cli.models.ensemble.config import EnsembleConfig
+from elast_cli.models.ensemble.support import EnsembleSpec, SupportedDynamics
+from elast_cli.models.nets import LatentScale
+from elast_cli.models.part import Sizes, Trained
+from elast_cli.models.policy.config import PolicyConfig
+from elast_cli.models.policy.net import LocalPolicy, PolicySpec
+
+LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
+SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
+KINDS = ("context", "encoder", "ensemble", "density", "policy")
+
+
+def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
+    """One model of each kind by its name."""
+    torch.manual_seed(0)
+    net = EncoderConfig.model_validate(
+        {"architecture": architecture, "latent_size": LATENT, "width": 16, "pool": 8}
+    )
+    encoder = Representation(net, CpcConfig(dynamics_width=16), ACTION, context)
+    encoder.encoder.fit_normalization(torch.rand(50, 3, 8, 8) * 255)
+    ensemble = SupportedDynamics(
+        EnsembleConfig(members=3, width=16, support_size=300),
+        latent_size=LATENT,
+        action_size=ACTION,
+        context_size=context,
+        state_size=STATE,
+    )
+    ensemble.support.latents.normal_()
+    density = TransitionDensity(DensityConfig(width=16, noise_scale=1.5), LATENT, context)
+    policy = LocalPolicy(PolicyConfig(width=16), LATENT, ACTION, context)
+    z = torch.randn(200, LATENT) * torch.tensor([1.0, 2.0, 0.5, 3.0]) + 1
+    found: dict[str, nn.Module] = {
+        "encoder": encoder,
+        "ensemble": ensemble,
+        "density": density,
+        "policy": policy,
+    }
+    if context:
+        found["context"] = ContextAutoencoder(
+            ContextConfig(latent_size=context, channels=4, pool=4)
+        )
+    for module in [part for model in found.values() for part in model.modules()]:
+        if isinstance(module, LatentScale):
+            module.fit(z, z + 0.3 * torch.randn_like(z))
+    return {name: model.requires_grad_(False).eval() for name, model in found.items()}
+
+
+def trained(model: nn.Module, sizes: Sizes = SIZES) -> Trained:
+    """A model as its training hands it on, with what is stored beside its weights."""
+    return Trained(model, spec_of(model, sizes), curve=[], metrics={})
+
+
+def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """What a model can be built from again."""
+    match model:
+        case ContextAutoencoder():
+            return ContextSpec(net=model.config)
+        case Representation():
+            return EncoderSpec(sizes=sizes, net=model.encoder.config, cpc=model.cpc)
+        case SupportedDynamics():
+            return EnsembleSpec(sizes=sizes, net=model.config)
+        case TransitionDensity():
+            return DensitySpec(sizes=sizes, net=model.config)
+        case LocalPolicy():
+            return PolicySpec(sizes=sizes, net=model.config)
+    raise TypeError(f"a {type(model).__name__} is no part")
