@@ -47,6 +47,7 @@ __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_
 
 _MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
 _DIGEST = re.compile("[0-9a-f]{64}")
+_CACHED = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # also what a killed process began
 MAX_GENERATIONS = 32
 
 
@@ -244,9 +245,7 @@ class Store:
         roots = (self.root("dataset"), self.root("other"))
         for root in roots:
             refuse_links(root / ".staging", root / ".runs", root / LOCKS, root / self.cache.name)
-        cached = [
-            path for path in sorted(self.cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))
-        ]
+        cached = [path for path in sorted(self.cache.glob("*")) if _CACHED.fullmatch(path.name)]
         with storage_errors():
             for path in cached:
                 path.unlink(missing_ok=True)

@@ -338,22 +338,22 @@ def test_noise_from_other_contexts_needs_contexts_and_the_ensemble(
         weights(differing, 0.5, None)
 
 
-def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_lent_to(
+def test_relabelled_transitions_are_data_in_the_contexts_that_they_fit(
     data: LatentData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = replace(data, context=torch.rand(len(data.z), 2))
     dynamics = DynamicsEnsemble(EnsembleConfig(members=2, width=8), 3, 2, 2)
-    borrower: list[Tensor] = []
+    asked: list[Tensor] = []
     shares: list[float] = []
     seen: list[int] = []
 
-    def lent(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
-        borrower.append(rows)
+    def relabelled(self: OtherContexts, rows: Tensor, share: float, rng: object) -> Tensor:
+        asked.append(rows)
         shares.append(share)
         return rows.flip(0)
 
     def log_ratio(self: TransitionDensity, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        rows = borrower[-1]
+        rows = asked[-1]
         places, count = rows.flip(0), len(rows)
         if len(z) == 11 * count:  # with ten false ones each; not in calibration
             assert torch.equal(z[:count], data.z[places])
@@ -365,14 +365,14 @@ def test_lent_transitions_are_data_in_the_contexts_of_the_rows_that_they_are_len
 
     known = TransitionDensity.log_ratio
     with monkeypatch.context() as patch:
-        patch.setattr(OtherContexts, "lent", lent)
+        patch.setattr(OtherContexts, "relabelled", relabelled)
         patch.setattr(TransitionDensity, "log_ratio", log_ratio)
-        net = DensityConfig(width=8, lent_share=0.25)
+        net = DensityConfig(width=8, relabelled_share=0.25)
         stage = DensitySection(net=net, fit=FitConfig(steps=3, batch_size=16))
         train_density(data, stage, setting(tmp_path), dynamics)
     assert shares.count(0.25) == 3
     assert len(seen) == len(shares)
-    assert set(shares) == {0.0, 0.25}  # what is held out is never lent
+    assert set(shares) == {0.0, 0.25}  # what is held out is never relabelled
 
 
 def test_the_policy_learns_and_calibrates_its_round_trip(
