@@ -18,6 +18,7 @@ from elast_cli.shapes import Float32
 
 MOST_BYTES = 4 << 30  # of all files together; the oldest go first
 _ENTRY = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # names of entries, also of unfinished ones
+_HEAD = 65  # bytes of a first line
 
 
 class ArrayCache:
@@ -44,37 +45,38 @@ class ArrayCache:
     def _read(self, path: Path, name: str, shape: tuple[int, ...]) -> Float32 | None:
         """What is stored, if it is what the key and its SHA-256 say."""
         found = np.empty(shape, np.float32)
-        head = len(_head(name, found))
+        content = _bytes(found)
         try:
-            refuse_links(self.folder.parent, self.folder, path)
+            refuse_links(self.folder, path)
             with open_regular(path) as file:
-                stored = file.read(head)
-                size = file.readinto(found.data.cast("B")) if found.size else 0
-                whole = size == found.nbytes and not file.read(1)
+                head = file.readline(_HEAD)
+                whole = file.readinto(content) == len(content) and not file.read(1)
         except (OSError, ValueError, StorageError):
             return None
-        return found if whole and stored == _head(name, found) else None
+        return found if whole and head == _head(name, content) else None
 
     def _write(self, path: Path, name: str, array: Float32) -> None:
         """Keep an array, if the disk allows it."""
+        content = _bytes(np.ascontiguousarray(array))
         with suppress(OSError, StorageError):
-            refuse_links(self.folder.parent, self.folder)
+            refuse_links(self.folder)
             make_folders(self.folder)
-            if self._make_room(array.nbytes):
+            if self._make_room(_HEAD + len(content)):
                 with whole_file(path) as file:
-                    file.write(_head(name, array))
-                    file.write(np.ascontiguousarray(array).data.cast("B"))
+                    file.write(_head(name, content))
+                    file.write(content)
 
     def _make_room(self, size: int) -> bool:
         """Remove the oldest entries until `size` bytes fit; False if they never do."""
+        if size > self.most_bytes:
+            return False
         entries = [(path.stat(), path) for path in self.folder.iterdir() if _is_entry(path)]
         used = sum(status.st_size for status, _ in entries)
         for status, path in sorted(entries, key=lambda entry: entry[0].st_mtime_ns):
-            if used + size <= self.most_bytes:
-                break
-            path.unlink(missing_ok=True)
-            used -= status.st_size
-        return used + size <= self.most_bytes
+            if used + size > self.most_bytes:
+                path.unlink(missing_ok=True)
+                used -= status.st_size
+        return True
 
 
 def _is_entry(path: Path) -> bool:
@@ -82,8 +84,13 @@ def _is_entry(path: Path) -> bool:
     return bool(_ENTRY.fullmatch(path.name)) and path.is_file() and not path.is_symlink()
 
 
-def _head(name: str, array: Float32) -> bytes:
+def _bytes(array: Float32) -> memoryview:
+    """The memory of a contiguous array."""
+    return array.reshape(-1).data.cast("B") if array.size else memoryview(bytearray())
+
+
+def _head(name: str, content: memoryview) -> bytes:
     """The first line of an entry."""
     digest = hashlib.sha256(name.encode())
-    digest.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    digest.update(content)
     return digest.hexdigest().encode() + b"\n"

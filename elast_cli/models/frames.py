@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import weakref
 from collections.abc import Iterable, Iterator
 from itertools import chain, pairwise
 from typing import Protocol
@@ -56,6 +57,7 @@ class ScratchFrames:
             OSError: the disk is full.
         """
         self._file = tempfile.TemporaryFile(dir=setting.work, buffering=0)  # noqa: SIM115 stays open
+        weakref.finalize(self, self._file.close)
         self._device = setting.device
         for part in parts:
             rest = _bytes(part)

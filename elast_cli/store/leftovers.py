@@ -12,6 +12,7 @@ from elast_cli.store.locks import LOCKS, held
 from elast_cli.store.run import HIGHEST
 
 _DIGEST = re.compile("[0-9a-f]{64}")
+_CACHED = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # also what a killed process began
 
 
 def removed(roots: Sequence[Path], cache: Path) -> list[Path]:
@@ -26,7 +27,7 @@ def removed(roots: Sequence[Path], cache: Path) -> list[Path]:
     refuse_links(cache)
     for root in roots:
         refuse_links(root / ".staging", root / ".runs", root / LOCKS)
-    cached = [path for path in sorted(cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))]
+    cached = [path for path in sorted(cache.glob("*")) if _CACHED.fullmatch(path.name)]
     with storage_errors():
         for path in cached:
             path.unlink(missing_ok=True)

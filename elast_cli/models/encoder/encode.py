@@ -63,7 +63,9 @@ def encode(
 @torch.no_grad()
 def latents(encoder: Encoder, windows: FrameWindows, rows: Int64) -> Tensor:
     """Latents [M,Z] of the states at `rows` [M]."""
-    parts = [
-        encoder(windows.stacks(part)) for part in np.array_split(rows, max(1, len(rows) // 1024))
-    ]
-    return torch.cat(parts)
+    found = torch.empty(len(rows), encoder.config.latent_size, device=windows.context.device)
+    done = 0  # filled in place: small results kept between large ones would scatter the heap
+    for part in np.array_split(rows, max(1, len(rows) // 1024)):
+        found[done : done + len(part)] = encoder(windows.stacks(part))
+        done += len(part)
+    return found

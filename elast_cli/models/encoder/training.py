@@ -58,7 +58,7 @@ def train_encoder(
     model.to(setting.device)
     features = frame_features(dataset, model.encoder, setting)
     windows = FrameWindows(dataset, features, context.to(setting.device))
-    objective = _objective(dataset, model, windows, section, setting)
+    objective = objective_of(dataset, model, windows, section, setting)
     curve = fit(
         "encoder", model, objective.loss, objective.validate, config=section.fit, setting=setting
     )
@@ -105,7 +105,7 @@ class Objective:
         return {k: float(torch.stack([p[k] for p in found]).mean()) for k in found[0]}
 
 
-def _objective(
+def objective_of(
     dataset: Dataset,
     model: Representation,
     windows: FrameWindows,
