@@ -257,6 +257,20 @@ def test_a_second_run_of_a_recipe_waits_says_so_and_finds_the_first_ones_result(
     assert results == [first]
 
 
+def test_gc_empties_the_cache_and_leaves_what_is_not_of_it(store: Store, tmp_path: Path) -> None:
+    store.cache.mkdir(parents=True)
+    entries = [store.cache / f"{'0' * 64}.f32", store.cache / f".{'1' * 64}.f32.123"]
+    others = [store.cache / "notes.txt", store.cache / "0123.f32"]
+    for path in (*entries, *others):
+        path.touch()
+    assert store.gc() == sorted(entries)
+    assert sorted(store.cache.iterdir()) == sorted(others)
+    store.cache.rename(tmp_path / "elsewhere")
+    store.cache.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(StorageError, match="symbolic link"):
+        store.gc()
+
+
 def test_gc_removes_what_was_left_but_not_a_run_in_progress(store: Store) -> None:
     for seed in range(2):
         interrupt(store, recipe(seed=seed))
