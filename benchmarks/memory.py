@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,29 @@ def main() -> None:
             row[f"peak_gb_{name}"] = found["peak_gb"]
         rows.append(row)
     given.json.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n")
-    sys.stdout.write(given.json.read_text())
+    given.json.with_suffix(".md").write_text(page(rows))
+    sys.stdout.write(page(rows))
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The figures as a page of Markdown."""
+    lines = [
+        f"| {row['net']} | {row['frames']:,} | {row['held_steps_a_cpu_s']} | "
+        f"{row['streamed_steps_a_cpu_s']} | {row['streamed_by_held']:.2f} | "
+        f"{row['peak_gb_held']} | {row['peak_gb_default']} | {row['peak_gb_streamed']} |"
+        for row in rows
+    ]
+    return f"""# Training on images in memory and from disk
+
+Written by `python -m benchmarks.memory`. Encoders are those of the preset `standard`, frames those
+of BlockS. Speed is in gradient steps per second of CPU time on one core. Peak memory is that of a
+whole `train-encoder`, libraries included: with all images in memory, with the default bound of
+4 GB, and with all images in the scratch file.
+
+| encoder | frames | steps/s, memory | steps/s, disk | ratio | GB, memory | GB, default | GB, disk |
+|---|---|---|---|---|---|---|---|
+{chr(10).join(lines)}
+"""
 
 
 def _apart(frames: int, net: str, what: str, *words: str) -> dict[str, Any]:
