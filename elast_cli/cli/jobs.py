@@ -40,13 +40,13 @@ def job_of(
 
     _refuse_contradiction(running)
     progress = _reporter(quiet=running.quiet)
-    if uses is not None:
-        _note_unused([*(("--set", text) for text in lineage.set or []), *extra], uses, progress)
+    config = _config(env, lineage, extra)
+    _note_unused([*(("--set", text) for text in lineage.set or []), *extra], uses, progress)
     return Job(
         store=_store(),
         env=env,
         preset=lineage.preset,
-        config=_config(env, lineage, extra),
+        config=config,
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
@@ -98,12 +98,12 @@ def _refuse_contradiction(running: Running) -> None:
 
 
 def _note_unused(
-    overrides: Sequence[tuple[str, str]], uses: Collection[str], progress: Progress
+    overrides: Sequence[tuple[str, str]], uses: Collection[str] | None, progress: Progress
 ) -> None:
-    """Note overrides (flag, text) of sections that a command does not use."""
+    """Note overrides (flag, text) of sections that a command does not use. None: it uses all."""
     for flag, text in overrides:
         section = text.partition(".")[0].strip()
-        if section not in uses:
+        if uses is not None and section not in uses:
             progress.note(f"{flag}: section {section!r} has no effect here ({text})")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from elast_cli.methods.loading import Models
     from elast_cli.preset import Preset
 
+_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,47}", re.ASCII)
 Changes = Mapping[str, JsonDict]  # section -> keys that differ from the preset
 
 
@@ -64,12 +66,23 @@ METHODS: dict[str, Method] = {}
 
 
 def register(method: Method) -> None:
-    """Add a row to the table. Raises ValueError if the name is taken or a part is unknown."""
+    """Add a row to the table.
+
+    Raises:
+        ValueError: the name is taken or no name, a part is unknown, or a section is parsed by
+            another class for another method.
+    """
+    if not _NAME.fullmatch(method.name):
+        raise ValueError(f"{method.name!r} is no name: small letters, digits and dashes")
     if method.name in METHODS:
         raise ValueError(f"there is a method {method.name!r} already")
     for kind in method.parts:
         if kind not in PARTS:
             raise ValueError(f"method {method.name!r} needs {kind!r}, which is no learned part")
+    for other in METHODS.values():
+        for section, of in method.sections.items():
+            if other.sections.get(section, of) != of:
+                raise ValueError(f"section {section!r} of method {other.name!r} is no {of}")
     METHODS[method.name] = method
 
 

@@ -74,6 +74,65 @@ def test_keys_wait_for_what_they_need() -> None:
         assert made == {"a": 1, "b": 4, "c": 4, "d": 81}
 
 
+DIAMONDS = {"a": [], "b": ["a"], "c": ["a"], "d": ["b", "c"], "e": ["d"], "f": ["d"], "g": []}
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_any_number_of_workers_makes_the_same_in_an_order_that_respects_needs(workers: int) -> None:
+    made: dict[str, int] = {}
+    asked: list[str] = []
+
+    def item(key: str) -> int:
+        assert all(need in made for need in DIAMONDS[key])
+        asked.append(key)
+        return ord(key) + sum(made[need] for need in DIAMONDS[key]) % 97
+
+    for key, result in LocalEngine(workers).graph(DIAMONDS, item, square):
+        assert key not in made
+        made[key] = result
+    assert sorted(asked) == sorted(DIAMONDS)
+    expected: dict[str, int] = {}
+    for key, needs in DIAMONDS.items():
+        expected[key] = (ord(key) + sum(expected[need] for need in needs) % 97) ** 2
+    assert made == expected
+
+
+def process(_number: int) -> int:
+    return os.getpid()
+
+
+def test_a_key_that_is_alone_is_worked_on_in_this_process_and_two_are_not() -> None:
+    chain = {"a": [], "b": ["a"], "c": ["b"]}
+    found = dict(LocalEngine(2).graph(chain, len, process))
+    assert set(found.values()) == {os.getpid()}
+    fork = {"a": [], "b": ["a"], "c": ["a"], "d": ["b", "c"]}
+    found = dict(LocalEngine(2).graph(fork, len, process))
+    assert (found["a"], found["d"]) == (os.getpid(), os.getpid())
+    assert os.getpid() not in (found["b"], found["c"])
+    assert set(dict(LocalEngine(1).graph(fork, len, process)).values()) == {os.getpid()}
+
+
+def test_a_key_whose_worker_was_killed_is_given_to_another(tmp_path: Path) -> None:
+    needs = {number: [0] if number else [] for number in range(6)}
+    made: dict[int, int] = {}
+    for key, result in LocalEngine(2).graph(needs, lambda n: (tmp_path / "died", n), die_once):
+        assert key not in made
+        made[key] = result
+    assert made == {number: number for number in range(6)}
+    assert (tmp_path / "died").exists()
+
+
+def test_workers_that_keep_dying_at_a_graph_are_an_error_with_a_way_out() -> None:
+    with pytest.raises(UnavailableError, match=f"{MOST_DEATHS} worker processes.*--workers"):
+        list(LocalEngine(2).graph({1: [], 2: []}, int, die))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_a_key_is_the_callers_and_ends_the_graph(workers: int) -> None:
+    with pytest.raises(DataError, match=r"item . is bad"):
+        list(LocalEngine(workers).graph({1: [], 2: []}, int, fail))
+
+
 def test_keys_that_wait_for_one_another_are_an_error() -> None:
     with pytest.raises(ValueError, match="wait for one another: a, b"):
         list(LocalEngine().graph({"a": ["b"], "b": ["a"]}, len, square))

@@ -135,11 +135,20 @@ def test_changes_of_changes_are_joined_key_by_key() -> None:
 
 
 @pytest.mark.usefixtures("tables")
-def test_a_row_of_a_taken_name_or_an_unknown_part_is_refused() -> None:
-    with pytest.raises(ValueError, match="a method 'random' already"):
-        register(METHODS["random"])
-    with pytest.raises(ValueError, match="needs 'polcy', which is no learned part"):
-        register(Method("new", "", ("polcy",), {}, ""))
+@pytest.mark.parametrize(
+    ("new", "why"),
+    [
+        (METHODS["random"], "a method 'random' already"),
+        (Method("new", "", ("polcy",), {}, ""), "needs 'polcy', which is no learned part"),
+        (Method("New", "", (), {}, ""), "'New' is no name"),
+        (Method("", "", (), {}, ""), "'' is no name"),
+        (Method("a,b", "", (), {}, ""), "'a,b' is no name"),  # --methods a,b
+        (Method("new", "", (), {"cem": "else:Where"}, ""), "'cem' of method 'cpc-cem' is no else"),
+    ],
+)
+def test_a_row_that_cannot_be_is_refused(new: Method, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        register(new)
     assert "new" not in METHODS
 
 

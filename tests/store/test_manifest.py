@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elast_cli.config import dump_yaml, parse_yaml
+from elast_cli.config import dump_yaml, parse_yaml, read_yaml
 from elast_cli.errors import UsageError
-from elast_cli.store.manifest import MANIFEST_DIGEST, Recipe, Ref
+from elast_cli.store.manifest import MANIFEST, MANIFEST_DIGEST, Recipe, Ref
 from elast_cli.store.store import Store
 from tests.toys.artifacts import publish, recipe
 
@@ -55,6 +56,7 @@ def test_sha256sum_accepts_the_digest_file(store: Store) -> None:
         {"algorithm_version": 2},
         {"render_backend": "egl"},
         {"parents": {"dataset": "0" * 64}},
+        {"variant": {"ensemble": {"net": {"members": 1}}}},
     ],
 )
 def test_whatever_determines_the_content_changes_the_recipe_digest(change: dict[str, Any]) -> None:
@@ -80,3 +82,24 @@ def test_yaml_gives_every_recipe_back_with_its_digest(config: dict[str, Any]) ->
     made = recipe(config=config)
     read = parse_yaml(dump_yaml(made.model_dump()).encode(), "recipe")
     assert Recipe.model_validate(read).digest == made.digest
+
+
+GOLDEN = "c3b5f3ea938eef2c2553ef013a78717e"  # as elast 0.1 made it, before there were variants
+
+
+def test_a_recipe_without_a_variant_has_the_digest_that_it_always_had() -> None:
+    made = recipe(config={"n": 3, "keep": 0.5}, parents={"encoder": "ab" * 32}, seed=2)
+    assert made.digest.startswith(GOLDEN)
+    assert recipe(variant={}).digest == recipe().digest
+
+
+COMMITTED = Path(__file__).parents[2] / "docs" / "results" / "models"
+
+
+@pytest.mark.parametrize("path", sorted(COMMITTED.glob("artifacts/*/*/v*")), ids=str)
+def test_recipes_of_committed_models_still_have_their_digests(path: Path) -> None:
+    ref = Ref.parse("/".join(path.parts[-3:]))
+    manifest = Store(COMMITTED).manifest(ref)
+    assert manifest.recipe.digest == manifest.recipe_digest
+    assert manifest.recipe.variant == {}
+    assert "variant" not in read_yaml(path / MANIFEST)["recipe"]  # type: ignore[operator]  # a mapping

@@ -15,8 +15,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from elast_cli.config import StrictModel
-from elast_cli.control.base import Controller, Task
-from elast_cli.inference.frames import FrameEncoder
+from elast_cli.control.base import Controller, Estimator, Task
 from elast_cli.methods.loading import Models
 from elast_cli.methods.sight import frame_encoder
 from elast_cli.methods.table import Method
@@ -114,7 +113,7 @@ def train(inputs: Inputs, section: GoalPolicySection, setting: Setting) -> Train
 class Reactive:
     """The method; its state is the goals [B,Z] and the estimator's own."""
 
-    encoder: FrameEncoder
+    encoder: Estimator[Any]
     policy: GoalPolicy
     gain: float
 
