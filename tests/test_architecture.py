@@ -26,14 +26,11 @@ BANNED_NAMES = {"utils", "util", "common", "helpers", "misc"}
 MOST_LINES, MOST_OF_A_FUNCTION = 300, 40
 # What is longer today. These lists only shrink.
 LONG_FILES = {
-    "data/layout.py",
     "stages/inspect.py",
     "store/store.py",
 }
 LONG_FUNCTIONS = {
     "cli/jobs.py: job_of",
-    "data/layout.py: create_columns",
-    "models/encoder/training.py: train_encoder",
     "models/fit.py: fit",
     "pictures/projection.py: project_2d",
     "planners/tree/actions.py: propose",

@@ -175,9 +175,9 @@ def test_verify_names_the_changed_file_and_exits_65(
         ),
         (78, ["collect", "--env", "block-s", "--set", "collect.n=x"], ["collect.n", "'x'"]),
         (78, ["collect", "--env", "block-s", "--set", "n=3"], ["section.key=value"]),
-        (78, ["collect", "--env", "block-param", "--set", "env.lane=0.4"], ["exceed the world"]),
+        (78, ["collect", "--env", "block-param", "--set", "env.lane=0.4"], ["exceed the workspace"]),
         (78, ["collect", "--env", "block-param", "--set", "env.stub=0.001"], ["stub", "0.01"]),
-        (78, ["collect", "--env", "cable-param", "--set", "env.lane=0.4"], ["exceed the world"]),
+        (78, ["collect", "--env", "cable-param", "--set", "env.lane=0.4"], ["exceed the workspace"]),
         (78, ["collect", "--env", "cable-param", "--set", "env.reach=[0.6,0.5]"], ["reach"]),
         (
             78,
