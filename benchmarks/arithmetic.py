@@ -22,6 +22,7 @@ from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.loading import Models
 from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.files import arrays_of
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.base import Query, World
 from elast_cli.planners.tree.config import TreeConfig
@@ -79,7 +80,7 @@ def measure(models: Models, config: TreeConfig, query: Query, *, repeats: int = 
     recorder = Recorder(planner.world(query.context))
     replace(planner, world=lambda _: recorder).plan(query)
     nets = modules(models)
-    own = {name: DenseNetwork.of(net) for name, net in nets.items()}
+    own = {name: DenseNetwork.of(arrays_of(net)) for name, net in nets.items()}
     rng = np.random.default_rng(0)
     calls = [
         (name, rng.standard_normal((rows, own[name].inputs), dtype=np.float32))

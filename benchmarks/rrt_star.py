@@ -74,6 +74,10 @@ class Plane:
         following = (z + np.float32(RANGE) * action / length).astype(np.float32)
         return following, np.zeros(len(z), np.float32)
 
+    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
+        """The same."""
+        return self.step(z, action, np.full(len(z), row))[0]
+
     def features(self, z: Float32, row: Int64) -> Float32:
         """The place itself."""
         return z

@@ -17,10 +17,9 @@ from benchmarks.document import ROOT
 from elast_cli.control.collection import CollectConfig
 from elast_cli.data.dataset import Dataset
 from elast_cli.envs.registry import ENVS, make, scenarios
-from elast_cli.inference.frames import FrameEncoder
-from elast_cli.methods.loading import Models, load_models
+from elast_cli.methods.loading import Models
+from elast_cli.methods.sight import frame_encoder
 from elast_cli.methods.table import METHODS
-from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.parts import DATASET
 from elast_cli.planners.base import Query
 from elast_cli.planners.tree.config import TreeConfig
@@ -124,7 +123,7 @@ class Bench:
     def models(self) -> Models:
         """The models, on the CPU."""
         paths = {role: self.job.store.path(ref) for role, ref in self.refs.items()}
-        return load_models({role: at for role, at in paths.items() if role != DATASET}, "cpu")
+        return Models({role: at for role, at in paths.items() if role != DATASET}, "cpu")
 
     @cached_property
     def dataset(self) -> Dataset:
@@ -140,7 +139,7 @@ class Bench:
 
     def query(self, rows: int) -> Query:
         """The first problems of the level, all of them unseen in training."""
-        encode = FrameEncoder(self.models.part("encoder", Representation).encoder)
+        encode = frame_encoder(self.models)
         env = make(ENV, self.job.config.env)
         ends = []
         for scenario in scenarios(ENV, LEVEL, seed=0, count=rows, domain="scenario-val"):

@@ -116,7 +116,7 @@ def _shortened(bench: Bench, kind: str, of: type[S]) -> S:
 
 def _latents(bench: Bench) -> LatentData:
     setting = Setting(seed=0, work=Path(), device=torch.device("cpu"), progress=Silent())
-    return encode(bench.dataset, _no_context(bench), _representation(bench), setting)
+    return encode(bench.dataset, _no_context(bench), _representation(bench).encoder, setting)
 
 
 def _representation(bench: Bench) -> Representation:

@@ -8,12 +8,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before any library reads it
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from elast_cli.methods.table import METHODS
-from elast_cli.models.parts import PARTS
+from tests.toys.tables import kept_tables
 
 
 @pytest.fixture
@@ -27,10 +25,5 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def tables() -> Iterator[None]:
     """The tables of parts and of methods, afterwards as they were."""
-    kept: list[tuple[dict[str, Any], dict[str, Any]]] = [
-        (table, dict(table)) for table in (PARTS, METHODS)
-    ]
-    yield
-    for table, rows in kept:
-        table.clear()
-        table.update(rows)
+    with kept_tables():
+        yield

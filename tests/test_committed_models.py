@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elast_cli.envs.registry import make_simulated, scenarios
-from elast_cli.inference.frames import FrameEncoder
-from elast_cli.methods.loading import load_models
-from elast_cli.models.encoder.cpc import Representation
+from elast_cli.methods.loading import Models
+from elast_cli.methods.sight import frame_encoder
+from elast_cli.methods.thresholds import step_length
 from elast_cli.shapes import FRAMES
 from elast_cli.store.store import Store
 
@@ -34,7 +34,7 @@ def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task:
     assert {"encoder", "ensemble", "density", "policy"} <= set(folders)
     for folder in folders.values():
         assert all(file.stat().st_size < MOST for file in folder.iterdir())
-    models = load_models(folders, "cpu")
+    models = Models(folders, "cpu")
     env = make_simulated(task, {})
     level = next(iter(env.levels))
     frames, images = [], []
@@ -42,10 +42,9 @@ def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task:
         for state in (scenario.start, scenario.goal):
             env.set_state(state, scenario.layout)
             frames.append(np.repeat(env.frame()[None], FRAMES, axis=0))
-            if "context" in models.parts:
+            if "context" in models.folders:
                 images.append(env.context)
     background = np.array(images) if images else None
-    representation = models.part("encoder", Representation)
-    z = FrameEncoder(representation.encoder)(np.stack(frames), background)
+    z = frame_encoder(models)(np.stack(frames), background)
     gaps = np.linalg.norm(z[:, None] - z[None], axis=-1)[np.triu_indices(4, 1)]
-    assert gaps.min() > representation.step_length(0.5)
+    assert gaps.min() > step_length(models, 0.5)

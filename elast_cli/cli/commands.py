@@ -25,7 +25,7 @@ from elast_cli.cli.options import (
 )
 from elast_cli.cli.output import print_json, print_rich, print_text, show_data
 from elast_cli.errors import UsageError
-from elast_cli.models.parts import DATASET, PARTS, Part, closure
+from elast_cli.models.parts import DATASET, PARTS, Part, closure, word
 
 AllInputs: Any = inputs_of([DATASET, *PARTS])
 
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
     """Add all commands, in the order in which `--help` lists them."""
     app.command()(collect)
     for part in PARTS.values():
-        app.command(f"train-{part.kind}", help=part.about)(_train_command(part))
+        app.command(f"train-{word(part.kind)}", help=part.about)(_train_command(part))
     app.command()(train_baseline)
     app.command()(plan)
     app.command("eval")(evaluate)
@@ -216,10 +216,10 @@ def compare(
 ) -> None:
     """Compare two evaluations on the scenarios they share, with intervals."""
     from elast_cli.evaluation.comparison import comparison_table
-    from elast_cli.stages import inspect
+    from elast_cli.stages import results
     from elast_cli.store.store import Store
 
-    found = inspect.comparison(Store.default(), ref_a, ref_b)
+    found = results.comparison(Store.default(), ref_a, ref_b)
     if json:
         print_json([row.model_dump(mode="json") for row in found])
     else:

@@ -10,6 +10,8 @@ from elast_cli.cli.output import print_json, print_rich, print_text
 from elast_cli.errors import UsageError
 
 if TYPE_CHECKING:
+    from elast_cli.preset import Preset
+    from elast_cli.progress import Progress
     from elast_cli.stages.job import Job, RecipeJob
     from elast_cli.stages.run import Benchmark
     from elast_cli.store.manifest import Ref
@@ -34,35 +36,75 @@ def job_of(
         given: refs named on the command line, by kind.
         uses: sections of the preset that have an effect; others are noted. None: all have.
     """
-    if running.fresh and running.resume:
-        raise UsageError("--resume and --fresh contradict each other; give one of them")
-    from elast_cli.cli import console
-    from elast_cli.engine.local import usable_cores
-    from elast_cli.stages import presets
     from elast_cli.stages.job import Job, resolve_device
-    from elast_cli.store.manifest import Ref
-    from elast_cli.store.store import Store
 
-    progress = console.reporter(quiet=running.quiet)
-    for flag, text in [*(("--set", text) for text in lineage.set or []), *extra]:
-        section = text.partition(".")[0].strip()
-        if uses is not None and section not in uses:
-            progress.note(f"{flag}: section {section!r} has no effect here ({text})")
+    _refuse_contradiction(running)
+    progress = _reporter(quiet=running.quiet)
+    if uses is not None:
+        _note_unused([*(("--set", text) for text in lineage.set or []), *extra], uses, progress)
     return Job(
-        store=Store.default(),
+        store=_store(),
         env=env,
         preset=lineage.preset,
-        config=presets.load(lineage.preset, env, lineage.set or [], extra),
+        config=_config(env, lineage, extra),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
-        workers=running.workers or usable_cores(),
+        workers=running.workers or _cores(),
+        memory_gb=running.memory,
         progress=progress,
-        given={role: Ref.parse(text) for role, text in (given or {}).items() if text is not None},
+        given=_refs(given or {}),
         wait=not running.no_wait,
         force=running.force,
         fresh=running.fresh,
     )
+
+
+def _reporter(*, quiet: bool) -> Progress:
+    from elast_cli.cli import console
+
+    return console.reporter(quiet=quiet)
+
+
+def _store() -> Store:
+    from elast_cli.store.store import Store
+
+    return Store.default()
+
+
+def _config(env: str, lineage: Lineage, extra: Sequence[Override]) -> Preset:
+    from elast_cli.stages import presets
+
+    return presets.load(lineage.preset, env, lineage.set or [], extra)
+
+
+def _cores() -> int:
+    from elast_cli.engine.local import usable_cores
+
+    return usable_cores()
+
+
+def _refs(given: Mapping[str, str | None]) -> dict[str, Ref]:
+    """The refs that texts name, where there are any."""
+    from elast_cli.store.manifest import Ref
+
+    return {role: Ref.parse(text) for role, text in given.items() if text is not None}
+
+
+def _refuse_contradiction(running: Running) -> None:
+    """Raise UsageError if flags ask for opposite things."""
+    if running.fresh and running.resume:
+        raise UsageError("--resume and --fresh contradict each other; give one of them")
+
+
+def _note_unused(
+    overrides: Sequence[tuple[str, str]], uses: Collection[str], progress: Progress
+) -> None:
+    """Note overrides (flag, text) of sections that a command does not use."""
+    for flag, text in overrides:
+        section = text.partition(".")[0].strip()
+        if section not in uses:
+            progress.note(f"{flag}: section {section!r} has no effect here ({text})")
 
 
 def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:

@@ -69,6 +69,10 @@ class Running:
     workers: Annotated[
         int, Option(min=0, help="Processes; 0: one a core. Never changes a result.")
     ] = 0
+    memory: Annotated[
+        float,
+        Option(min=0.5, metavar="GB", help="Most memory of a training; never changes a result."),
+    ] = 4.0
     force: Annotated[bool, Option("--force", help="Make it again even if it is there.")] = False
     resume: Annotated[
         bool, Option("--resume", help="Continue an interrupted run; it is what happens anyway.")

@@ -9,14 +9,16 @@ same layers, without that promise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numba import njit
-from torch import Tensor, nn
 
-from elast_cli.models.nets import EnsembleLinear
+from elast_cli.models.tensors import Arrays
 from elast_cli.shapes import Float32
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 NARROW = 32  # outputs below which a layer is computed as dot products
 PANEL = 128  # outputs of a wide layer computed together; a constant, so that loops are unrolled
@@ -27,26 +29,28 @@ BLOCK = 10 * ROWS  # rows whose hidden values stay in the first cache
 class DenseNetwork:
     """E networks of the same shape with ReLU between their layers, on the same inputs."""
 
-    def __init__(self, layers: Sequence[tuple[Tensor, Tensor]]) -> None:
+    def __init__(self, layers: Sequence[tuple[Float32, Float32]], device: str = "cpu") -> None:
         """Take the layers as weights [E,in,out] and biases [E,out]."""
-        self.device = layers[0][0].device
-        self.layers = [(w.detach(), b.detach()) for w, b in layers]
+        self.device = device
+        self.layers = list(layers)
         self.inputs = layers[0][0].shape[1]
         self.outputs = layers[-1][1].shape[1]
         packed = [_pack(w, b) for w, b in self.layers]
         self._weights = tuple(weight for weight, _ in packed)
         self._biases = tuple(bias for _, bias in packed)
+        self._there: list[tuple[Tensor, Tensor]] = []  # the layers on another device
 
     @classmethod
-    def of(cls, net: nn.Module) -> DenseNetwork:
-        """One network, or the ensemble, that a module's linear layers make up."""
-        layers: list[tuple[Tensor, Tensor]] = []
-        for layer in net.modules():
-            if isinstance(layer, nn.Linear):
-                layers.append((layer.weight.T[None], layer.bias[None]))
-            elif isinstance(layer, EnsembleLinear):
-                layers.append((layer.weight, layer.bias[:, 0]))
-        return cls(layers)
+    def of(cls, arrays: Arrays, device: str = "cpu") -> DenseNetwork:
+        """The tensors of one network, `nets.mlp`, or of an ensemble, layers in their order."""
+        layers: list[tuple[Float32, Float32]] = []
+        for name, weight in arrays.items():
+            layer, _, which = name.rpartition(".")
+            if which == "weight":
+                bias = arrays[f"{layer}.bias"]
+                single = weight.ndim == 2
+                layers.append((weight.T[None], bias[None]) if single else (weight, bias[:, 0]))
+        return cls(layers, device)
 
     def __call__(self, x: Float32) -> Float32:
         """[M,in] -> [E,M,out].
@@ -56,18 +60,25 @@ class DenseNetwork:
         """
         if x.ndim != 2 or x.shape[1] != self.inputs:
             raise ValueError(f"a network of {self.inputs} inputs was given an array {x.shape}")
-        if self.device.type != "cpu":
+        if self.device != "cpu":
             return self._on_device(x)
         out = np.empty((len(self._biases[-1]), len(x), self.outputs), np.float32)
         _forward(x, self._weights, self._biases, out)
         return out
 
-    @torch.inference_mode()
     def _on_device(self, x: Float32) -> Float32:
-        y = torch.from_numpy(x).to(self.device).expand(len(self.layers[0][0]), -1, -1)
-        for i, (weight, bias) in enumerate(self.layers):
-            y = torch.baddbmm(bias[:, None], torch.relu(y) if i else y, weight)
-        return y.cpu().numpy()
+        import torch
+
+        def there(array: Float32) -> Tensor:
+            return torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
+
+        if not self._there:
+            self._there = [(there(weight), there(bias)) for weight, bias in self.layers]
+        with torch.inference_mode():
+            y = there(x).expand(len(self.layers[0][0]), -1, -1)
+            for i, (weight, bias) in enumerate(self._there):
+                y = torch.baddbmm(bias[:, None], torch.relu(y) if i else y, weight)
+            return y.cpu().numpy()
 
 
 def _padded(size: int) -> int:
@@ -76,13 +87,13 @@ def _padded(size: int) -> int:
     return fours if fours < NARROW else size + -size % PANEL
 
 
-def _pack(weight: Tensor, bias: Tensor) -> tuple[Float32, Float32]:
+def _pack(weight: Float32, bias: Float32) -> tuple[Float32, Float32]:
     """Weights [E,P,in,PANEL], or [E,1,out,in] for narrow layers, and biases [E,out]; padded."""
     members, n_in, n_out = weight.shape
     w = np.zeros((members, _padded(n_in), _padded(n_out)), np.float32)
     b = np.zeros((members, w.shape[2]), np.float32)
-    w[:, :n_in, :n_out] = weight.cpu().numpy()
-    b[:, :n_out] = bias.cpu().numpy()
+    w[:, :n_in, :n_out] = weight
+    b[:, :n_out] = bias
     if w.shape[2] < NARROW:
         panels = w.transpose(0, 2, 1)[:, None]
     else:

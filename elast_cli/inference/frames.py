@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-import torch
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from elast_cli.control.base import Task
 from elast_cli.inference.dense import DenseNetwork
-from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.models.tensors import Array, Arrays, under
 from elast_cli.shapes import Float32, Uint8
+
+if TYPE_CHECKING:
+    from torch import nn
 
 
 class FrameEncoder:
-    """φ on stacked frames, row by row independent."""
+    """φ on stacked frames, row by row independent. Only one that convolves needs torch."""
 
-    def __init__(self, encoder: Encoder) -> None:
-        self.encoder = encoder
-        pooled = encoder.config.architecture == "pooled-mlp"
-        self._net = DenseNetwork.of(encoder.net) if pooled else None
+    def __init__(self, config: EncoderConfig, arrays: Arrays, device: str = "cpu") -> None:
+        """Take φ's configuration and its tensors."""
+        self.config, self.device = config, device
+        self.arrays = arrays
+        net = under(arrays, "net")
+        convolves = config.architecture == "conv"
+        self._dense = None if convolves else DenseNetwork.of(net, device)
+        self._conv = _conv_stack(config, net, device) if convolves else None
 
     def begin(self, task: Task) -> tuple[Float32, Uint8 | None]:
         """Latents of the goals [B,Z]; the state is the context images, which never change."""
@@ -28,20 +38,62 @@ class FrameEncoder:
         """Latents [B,Z] of frames [B,F,64,64,3], whatever was done before."""
         return self(frames, state), state
 
-    @torch.inference_mode()
     def __call__(self, frames: Uint8, context: Uint8 | None) -> Float32:
         """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
-        rows = len(frames)
-        device = self.encoder.mean.device
-        flat = torch.from_numpy(frames.reshape(-1, *frames.shape[2:])).to(device)
-        features = self.encoder.preprocess(flat).unflatten(0, (rows, -1))
-        features = features[:, -self.encoder.config.frames :]
+        seen = frames[:, -self.config.frames :]
+        features = pooled(seen.reshape(-1, *seen.shape[2:]), self.config.pool)
+        features = features.reshape(*seen.shape[:2], *features.shape[1:])
         if context is not None:
-            images = self.encoder.preprocess(torch.from_numpy(context).to(device))
-            features = features - images[:, None]
-        if self._net is not None:
-            x = self.encoder.normalized(features)
-            latent: Float32 = self._net(x.flatten(1).cpu().numpy())[0]
-            return latent
-        parts = [self.encoder(features[b : b + 1]) for b in range(rows)]
-        return torch.cat(parts).cpu().numpy()
+            features = features - pooled(context, self.config.pool)[:, None]
+        x = self._normalized(features)
+        if self._dense is not None:
+            found: Float32 = self._dense(x.reshape(len(x), -1))[0]
+            return found
+        return self._convolved(x)
+
+    def _normalized(self, features: Array) -> Float32:
+        """`PooledImages.normalized`: float32 [B,F,3,S,S] of float16 features, to the bit."""
+        mean: Float32 = self.arrays["mean"]
+        scale: Float32 = self.arrays["scale"]
+        x: Float32 = (features.astype(np.float32) - mean) / scale
+        if not self.config.whiten:
+            return x
+        pixels = np.moveaxis(x, 2, -1)  # [B,F,S,S,3]
+        mixed = pixels.reshape(-1, 3) @ self.arrays["colours"].T
+        return np.ascontiguousarray(np.moveaxis(mixed.reshape(pixels.shape), -1, 2))
+
+    def _convolved(self, x: Float32) -> Float32:
+        """Latents [B,Z] of normalised images [B,F,3,S,S], one row after the other."""
+        import torch
+
+        assert self._conv is not None
+        with torch.inference_mode():
+            rows = torch.from_numpy(x).to(self.device).flatten(1, 2).split(1)
+            found: Float32 = torch.cat([self._conv(row) for row in rows]).cpu().numpy()
+        return found
+
+
+def pooled(frames: Uint8, pool: int) -> Array:
+    """`PooledImages.preprocess`: frames u8 [N,64,64,3] averaged to float16 [N,3,S,S], to the bit.
+
+    All sums are whole numbers, and so the same in any order.
+    """
+    count, side = len(frames), frames.shape[1] // pool
+    rows = frames.reshape(count, side, pool, -1).sum(2, dtype=np.uint16)
+    columns = rows.reshape(count, side, side, pool, -1)
+    total = columns[:, :, :, 0].copy()
+    for i in range(1, pool):
+        total += columns[:, :, :, i]
+    half = (total.astype(np.float32) / np.float32(pool * pool)).astype(np.float16)
+    return np.ascontiguousarray(half.transpose(0, 3, 1, 2))
+
+
+def _conv_stack(config: EncoderConfig, arrays: Arrays, device: str) -> nn.Module:
+    """φ's convolutions with these tensors."""
+    import torch
+
+    from elast_cli.models.encoder.net import ConvStack
+
+    net = ConvStack(config)
+    net.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+    return net.requires_grad_(False).eval().to(device)

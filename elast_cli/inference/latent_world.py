@@ -8,19 +8,15 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-import torch
 from numba import njit
-from torch import Tensor
 
 from elast_cli.inference.dense import DenseNetwork
-from elast_cli.models.density.net import TransitionDensity
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.nets import ForwardModel, LatentScale
-from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.stored import Stored
+from elast_cli.models.tensors import Arrays, under
 from elast_cli.planners import grid
 from elast_cli.planners.grid import Cells
 from elast_cli.planners.neighbors import any_within
-from elast_cli.shapes import Bool, Float32, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 
 @njit(cache=True, nogil=True)
@@ -98,24 +94,19 @@ def _tanh(x: Float32) -> Float32:
     return out
 
 
-def _array(x: Tensor) -> Float32:
-    found: Float32 = np.ascontiguousarray(x.detach().cpu().numpy())
-    return found
-
-
 class Scale:
     """`LatentScale` as arrays [Z]."""
 
-    def __init__(self, scale: LatentScale) -> None:
-        self.mean, self.std, self.step = map(_array, (scale.mean, scale.std, scale.step))
+    def __init__(self, arrays: Arrays) -> None:
+        self.mean, self.std, self.step = arrays["mean"], arrays["std"], arrays["step"]
 
 
 class PolicyCall:
     """π on arrays, row by row independent."""
 
-    def __init__(self, policy: LocalPolicy) -> None:
-        self.scale = Scale(policy.scale)
-        self._net = DenseNetwork.of(policy.net)
+    def __init__(self, policy: Stored, device: str = "cpu") -> None:
+        self.scale = Scale(under(policy.arrays, "scale"))
+        self._net = DenseNetwork.of(under(policy.arrays, "net"), device)
 
     def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
         """[B,Z], [B,Z], [B,C] -> action [B,A]."""
@@ -132,30 +123,30 @@ class LatentWorld:
     def __init__(
         self,
         *,
-        dynamics: SupportedDynamics,
-        density: TransitionDensity,
-        policy: LocalPolicy,
-        forward_model: ForwardModel | None = None,
+        ensemble: Stored,
+        density: Stored,
+        policy: Stored,
+        forward_model: Arrays | None = None,
+        device: str = "cpu",
     ) -> None:
-        """Take frozen models; with `forward_model`, h_f alone predicts and variance is 0."""
-        self.latent_size, self.action_size = density.latent_size, policy.action_size
-        self.width = density.config.width
+        """Take trained parts; with the tensors of h_f, it alone predicts and variance is 0."""
+        sizes, self.width = density.spec.sizes, density.spec.net.width
+        self.latent_size, self.action_size = sizes.latent, sizes.action
         self.feature_size = 2 * self.width + self.latent_size
-        self.members = 1 if forward_model else dynamics.config.members
+        self.members = ensemble.spec.net.members if forward_model is None else 1
         self.context = np.zeros((0, 0), np.float32)
-        self.support = _array(dynamics.support.latents)
+        self.support = ensemble.arrays["support.latents"]
         self.axes = grid.principal_axes(self.support)
         self._cells: dict[float, Cells] = {}
-        self._scale = Scale(dynamics.ensemble.scale)
-        self._ensemble = DenseNetwork.of(dynamics.ensemble.layers)
-        self._library = [(w.cpu(), b.cpu()[:, None]) for w, b in self._ensemble.layers]
-        self._single = DenseNetwork.of(forward_model.net) if forward_model else None
-        self._policy = PolicyCall(policy)
-        self._first = DenseNetwork([_first_layer_as_network(density)])
-        self._rest = DenseNetwork.of(density.rest)
-        self._relative = density.relative
-        std = density.noise_std()
-        self._log_noise = float(-torch.log(std).sum() - 0.5 * self.latent_size * np.log(2 * np.pi))
+        self._scale = Scale(under(ensemble.arrays, "ensemble.scale"))
+        self._ensemble = DenseNetwork.of(under(ensemble.arrays, "ensemble.layers"), device)
+        self._single = DenseNetwork.of(forward_model, device) if forward_model else None
+        self._policy = PolicyCall(policy, device)
+        self._first = DenseNetwork([_first_layer(density)], device)
+        self._rest = DenseNetwork.of(under(density.arrays, "rest.1"), device)
+        self._relative = density.spec.net.relative(sizes.context)
+        log_std = float(np.log(_noise_std(density)).sum())
+        self._log_noise = -log_std - 0.5 * self.latent_size * np.log(2 * np.pi)
 
     def at(self, context: Float32) -> LatentWorld:
         """This world for scenarios with contexts [B,C]."""
@@ -177,19 +168,18 @@ class LatentWorld:
         steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
 
-    @torch.inference_mode()
     def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
         """Next latent [M,Z] of H_f (or of h_f) in scenario `row`, by library products."""
         if self._single is not None:
             return self.step(z, action, np.full(len(z), row))[0]
         context = np.repeat(self.context[row : row + 1], len(z), axis=0)
         scale = self._scale
-        x = torch.from_numpy(_inputs(z, scale.mean, scale.std, action, context))
-        y = x.expand(self.members, -1, -1)
-        for i, (weight, bias) in enumerate(self._library):
-            y = torch.baddbmm(bias, torch.relu(y) if i else y, weight)
-        step: Float32 = y.mean(0).numpy()
-        return z + step * scale.step
+        y = _inputs(z, scale.mean, scale.std, action, context)
+        for i, (weight, bias) in enumerate(self._ensemble.layers):
+            y = np.matmul(np.maximum(y, 0, out=y) if i else y, weight)
+            y += bias[:, None]
+        following: Float32 = z + y.mean(0) * scale.step
+        return following
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""
@@ -218,13 +208,26 @@ class LatentWorld:
         return self._policy(z, z_next, self._contexts(row))
 
 
-def _first_layer_as_network(density: TransitionDensity) -> tuple[Tensor, Tensor]:
-    """`TransitionDensity.features` as one affine map of [z, c]: weight [1,Z+C,E], bias [1,E]."""
-    with torch.no_grad():
-        z_size = density.latent_size
-        c_size = density.first.in_features - 2 * z_size
-        probe = torch.eye(z_size + c_size, device=density.first.weight.device)
-        zero = torch.zeros(1, z_size + c_size, device=probe.device)
-        bias = density.features(zero[:, :z_size], zero[:, z_size:])[0]
-        weight = density.features(probe[:, :z_size], probe[:, z_size:]) - bias
-    return weight[None], bias[None]
+def _noise_std(density: Stored) -> Float64:
+    """`TransitionDensity.noise_std` [Z]."""
+    found: Float64 = density.arrays["scale.step"].astype(np.float64) * density.spec.net.noise_scale
+    return found
+
+
+def _first_layer(density: Stored) -> tuple[Float32, Float32]:
+    """`TransitionDensity.features` as one affine map of [z, c]: weight [1,Z+C,E], bias [1,E].
+
+    Computed in double precision and rounded once, so that it is the same on every processor.
+    """
+    sizes, width = density.spec.sizes, density.spec.net.width
+    names = ("first.weight", "first.bias", "scale.mean", "scale.std")
+    first, first_bias, mean, std = (density.arrays[name].astype(np.float64) for name in names)
+    state, step, context = np.split(first.T, [sizes.latent, 2 * sizes.latent])
+    scaled = np.diag(1 / _noise_std(density))
+    towards = scaled @ step
+    weight = np.zeros((sizes.latent + sizes.context, 2 * width + sizes.latent))
+    weight[: sizes.latent] = np.concatenate([state / std[:, None] - towards, towards, scaled], 1)
+    weight[sizes.latent :, :width] = context
+    bias = np.zeros(weight.shape[1])
+    bias[:width] = first_bias - (mean / std) @ state
+    return weight.astype(np.float32)[None], bias.astype(np.float32)[None]

@@ -7,16 +7,11 @@ from typing import Any
 from elast_cli.control.base import ControlConfig, Controller
 from elast_cli.control.followers import PlayActions, TrackStates
 from elast_cli.control.replan import Replan
-from elast_cli.inference.contexts import ContextVectors
-from elast_cli.inference.frames import FrameEncoder
 from elast_cli.inference.latent_world import LatentWorld, PolicyCall
 from elast_cli.methods.loading import Models
-from elast_cli.methods.thresholds import limits, radii
-from elast_cli.models.context.net import ContextAutoencoder
-from elast_cli.models.density.net import TransitionDensity
-from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.methods.sight import contexts, frame_encoder
+from elast_cli.methods.thresholds import limits, radii, step_length
+from elast_cli.models.tensors import under
 from elast_cli.planners.base import Planner
 from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.config import TreeConfig
@@ -26,17 +21,16 @@ from elast_cli.preset import Preset
 
 def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """The controller of ELAST and of its variants."""
-    encoder = models.part("encoder", Representation)
     control = preset.section("control", ControlConfig)
-    tracking = TrackStates(PolicyCall(models.part("policy", LocalPolicy)), control.lookahead)
+    tracking = TrackStates(PolicyCall(models.stored("policy"), models.device), control.lookahead)
     return Replan(
-        estimator=FrameEncoder(encoder.encoder),
-        contexts=ContextVectors(models.maybe("context", ContextAutoencoder)),
+        estimator=frame_encoder(models),
+        contexts=contexts(models),
         planner=planner(models, preset.section("planner", TreeConfig)),
         follower=PlayActions() if control.follow == "actions" else tracking,
         every=control.replan_every,
         patience=control.patience,
-        stall_distance=control.stall_steps * encoder.step_length(0.5),
+        stall_distance=control.stall_steps * step_length(models, 0.5),
     )
 
 
@@ -46,7 +40,7 @@ def planner(models: Models, config: TreeConfig) -> Planner:
     It grows trees, and where the configuration has it refines their paths by shooting.
     """
     trees = tree_planner(models, config)
-    median = models.part("encoder", Representation).step_length(0.5)
+    median = step_length(models, 0.5)
     if not config.refine.iterations:
         return trees
     goal, kept = config.refine.goal_steps * median, config.refine.kept_steps * median
@@ -55,11 +49,12 @@ def planner(models: Models, config: TreeConfig) -> Planner:
 
 def tree_planner(models: Models, config: TreeConfig) -> ElastPlanner:
     """The part of the planner that grows trees."""
-    dynamics = models.part("encoder", Representation).dynamics
+    forward_model = under(models.stored("encoder").arrays, "dynamics.net")
     world = LatentWorld(
-        dynamics=models.part("ensemble", SupportedDynamics),
-        density=models.part("density", TransitionDensity),
-        policy=models.part("policy", LocalPolicy),
-        forward_model=None if config.use_ensemble else dynamics,
+        ensemble=models.stored("ensemble"),
+        density=models.stored("density"),
+        policy=models.stored("policy"),
+        forward_model=None if config.use_ensemble else forward_model,
+        device=models.device,
     )
     return ElastPlanner(world.at, config, limits(models, config), radii(models, config))

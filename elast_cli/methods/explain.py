@@ -11,7 +11,7 @@ import numpy as np
 from elast_cli.config import JsonDict
 from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.loading import Models
-from elast_cli.models.ensemble.support import Support, SupportedDynamics
+from elast_cli.models.tensors import Array
 from elast_cli.planners.base import Query
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.forest import path_to
@@ -55,7 +55,7 @@ def explain_plan(
     seconds = time.perf_counter() - began
     forest, size = search.forest, int(search.forest.size[0])
     path = np.array(path_to(forest, 0, int(nodes[0])))
-    nearest = _nearest(models, forest.latent[0, path])
+    nearest, _ = _nearest(models, forest.latent[0, path])
     figures: JsonDict = {
         "reached": bool(reached[0]),
         "steps": len(path) - 1,
@@ -69,36 +69,25 @@ def explain_plan(
         "goal": _goal(models, search),
         "path": [*_path(models, search, path, nearest, distance)],
     }
-    rows = _support(models).rows.cpu().numpy()[nearest]
+    rows = _support(models, "rows")[nearest]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
 
 
-def _support(models: Models) -> Support:
-    """The encoded training states."""
-    return models.part("ensemble", SupportedDynamics).support
+def _support(models: Models, name: str) -> Array:
+    """Latents [N,Z], dataset rows [N] or states [N,S] of the encoded training states."""
+    return models.stored("ensemble").arrays[f"support.{name}"]
 
 
-def _support_distance(models: Models, latents: Float32) -> Float32:
-    """Distance of each latent [T,Z] to the nearest encoded training state."""
-    import torch
-
-    support = _support(models)
-    found: Float32 = support.distance(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
-    return found
-
-
-def _nearest(models: Models, latents: Float32) -> Int64:
-    """Index of the nearest encoded training state of each latent [T]."""
-    import torch
-
-    support = _support(models)
-    found: Int64 = support.nearest(torch.from_numpy(latents).to(support.latents)).cpu().numpy()
-    return found
+def _nearest(models: Models, latents: Float32) -> tuple[Int64, Float32]:
+    """Index of the nearest encoded training state of each latent [T], and its distance [T]."""
+    support = _support(models, "latents")
+    apart = [np.linalg.norm(support - latent, axis=1) for latent in latents]
+    return np.array([d.argmin() for d in apart]), np.array([d.min() for d in apart])
 
 
 def _goal(models: Models, search: Search) -> JsonDict:
     """How well the data cover the goal, and how near the tree came to it."""
-    distance = float(_support_distance(models, search.query.goal)[0])
+    distance = float(_nearest(models, search.query.goal)[1][0])
     return {
         "support_distance": distance,
         "supported": bool(distance <= search.growth.transitions.limits.max_support_distance),
@@ -113,7 +102,7 @@ def _path(
     forest, world = search.forest, search.growth.transitions.world
     latent = forest.latent[0, path]
     row = np.zeros(len(path), np.int64)
-    states = _support(models).states.cpu().numpy()[nearest]
+    states = _support(models, "states")[nearest]
     features = world.features(latent, row)
     source, target = np.arange(len(path) - 1), np.arange(1, len(path))
     log_density = world.log_density(features, source, target)
@@ -122,7 +111,7 @@ def _path(
     back, _ = world.step(latent[:-1], world.act(latent[:-1], latent[1:], row[1:]), row[1:])
     round_trip = np.linalg.norm(back - latent[1:], axis=1)
     prediction = np.linalg.norm(landed - latent[1:], axis=1)
-    support = _support_distance(models, latent)
+    _, support = _nearest(models, latent)
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)
     entries: list[JsonDict] = []
     for i in range(len(path)):

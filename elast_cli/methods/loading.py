@@ -3,53 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
-
-from torch import nn
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from elast_cli.control.base import Controller
 from elast_cli.methods.table import method_named
-from elast_cli.models.files import load_model
+from elast_cli.models.stored import Stored, read_part
 from elast_cli.preset import Preset
 
-M = TypeVar("M", bound=nn.Module)
+if TYPE_CHECKING:
+    from torch import nn
+
+M = TypeVar("M", bound="nn.Module")
 
 
-@dataclass(frozen=True)
 class Models:
-    """Trained parts by kind."""
+    """Trained parts by kind, each read when it is first asked for.
 
-    parts: Mapping[str, nn.Module]
+    Asking for a part as a torch module imports torch, which takes longer than planning.
+    """
 
-    def part(self, kind: str, of: type[M]) -> M:
-        """The part of a kind.
+    def __init__(self, folders: Mapping[str, Path], device: str, threads: int = 1) -> None:
+        """Take the parts' folders by kind, and torch's device and threads."""
+        self.folders, self.device, self.threads = folders, device, threads
+        self._stored: dict[str, Stored] = {}
+        self._modules: dict[str, nn.Module] = {}
+
+    def stored(self, kind: str) -> Stored:
+        """The part of a kind as arrays.
 
         Raises:
-            TypeError: it is not there, or of another class.
+            DataError: its folder holds no part of that kind.
         """
-        found = self.parts.get(kind)
+        if kind not in self._stored:
+            self._stored[kind] = read_part(self.folders[kind], kind)
+        return self._stored[kind]
+
+    def part(self, kind: str, of: type[M]) -> M:
+        """The part of a kind as a torch module on the device.
+
+        Raises:
+            DataError: its folder holds no part of that kind.
+            TypeError: it is of another class.
+        """
+        import torch
+
+        from elast_cli.models.files import load_model
+
+        if kind not in self._modules:
+            torch.set_num_threads(self.threads)
+            self._modules[kind] = load_model(self.folders[kind], kind).to(self.device)
+        found = self._modules[kind]
         if not isinstance(found, of):
             raise TypeError(f"the method needs a {kind} of class {of.__name__}, got {found!r:.60}")
         return found
 
-    def maybe(self, kind: str, of: type[M]) -> M | None:
-        """The part of a kind, or None where there is none."""
-        return self.part(kind, of) if kind in self.parts else None
-
-
-def load_models(folders: Mapping[str, Path], device: str) -> Models:
-    """The trained parts in `folders`, by kind, on a device.
-
-    Raises:
-        DataError: a folder holds no model of its kind.
-    """
-    return Models({kind: load_model(path, kind).to(device) for kind, path in folders.items()})
-
 
 def controller(
-    name: str, folders: Mapping[str, Path], preset: Preset, env: str, *, device: str, rows: int
+    name: str,
+    folders: Mapping[str, Path],
+    preset: Preset,
+    env: str,
+    *,
+    device: str,
+    rows: int,
+    threads: int = 1,
 ) -> Controller[Any]:
     """A method ready to run `rows` episodes of `env` side by side.
 
@@ -60,7 +78,8 @@ def controller(
         env: name of the environment.
         device: "cpu" or "cuda".
         rows: number of episodes B.
+        threads: of torch, where the method needs it.
     """
     method = method_named(name)
     needed = {kind: path for kind, path in folders.items() if kind in method.parts}
-    return method.build(load_models(needed, device), method.configure(preset), env, rows)
+    return method.build(Models(needed, device, threads), method.configure(preset), env, rows)

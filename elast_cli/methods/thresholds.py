@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from elast_cli.errors import DataError
 from elast_cli.methods.loading import Models
-from elast_cli.models.density.net import TransitionDensity
-from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.tensors import quantile
 from elast_cli.planners.base import Limits, Radii
 from elast_cli.planners.tree.config import TreeConfig
 
@@ -25,20 +20,18 @@ def limits(models: Models, config: TreeConfig) -> Limits:
         DataError: the support has no extent.
     """
 
-    def at(table: Any, quantile: float | None, off: float) -> float:
-        return off if quantile is None else float(table.at(quantile))
+    def at(kind: str, table: str, share: float | None, off: float) -> float:
+        return off if share is None else _tabulated(models, kind, table, share)
 
-    dynamics, off = models.part("ensemble", SupportedDynamics), np.inf
-    support = at(dynamics.support.distance_quantiles, config.tests.support_quantile, off)
-    quantile = config.tests.support_quantile
+    tests, off = config.tests, np.inf
+    support = at("ensemble", "support.distance_quantiles", tests.support_quantile, off)
     of, key = "distances to the support", "tests.support_quantile"
-    _check_length(support, of, key, quantile, "train-ensemble")
-    density, policy = models.part("density", TransitionDensity), models.part("policy", LocalPolicy)
+    _check_length(support, of, key, tests.support_quantile, "train-ensemble")
     return Limits(
-        at(density.log_density_quantiles, config.tests.density_quantile, -off),
-        at(dynamics.ensemble.variance_quantiles, config.tests.variance_quantile, off),
+        at("density", "log_density_quantiles", tests.density_quantile, -off),
+        at("ensemble", "ensemble.variance_quantiles", tests.variance_quantile, off),
         support,
-        at(policy.round_trip_quantiles, config.tests.round_trip_quantile, off),
+        at("policy", "round_trip_quantiles", tests.round_trip_quantile, off),
     )
 
 
@@ -48,32 +41,41 @@ def radii(models: Models, config: TreeConfig) -> Radii:
     Raises:
         DataError: steps have no length.
     """
-    encoder = models.part("encoder", Representation)
-    median = encoder.step_length(0.5)
+    median = step_length(models, 0.5)
     steps = config.sampling.crowding_steps
     crowding = np.inf if steps is None else steps * median
-    neighbor = encoder.step_length(config.rewire.neighbor_quantile)
-    quantile = config.rewire.neighbor_quantile
+    share = config.rewire.neighbor_quantile
+    neighbor = step_length(models, share)
     of, key = "lengths of observed steps", "rewire.neighbor_quantile"
-    _check_length(neighbor, of, key, quantile, "train-encoder")
+    _check_length(neighbor, of, key, share, "train-encoder")
     return Radii(
         neighbor=neighbor,
         goal=config.goal_steps * median,
         crowding=crowding,
         failure=config.reuse.failure_steps * median,
         duplicate=config.duplicate_steps * median,
-        longest=LONGEST_MARGIN * encoder.step_length(1.0),
+        longest=LONGEST_MARGIN * step_length(models, 1.0),
     )
 
 
-def _check_length(length: float, of: str, key: str, quantile: float | None, maker: str) -> None:
+def step_length(models: Models, share: float) -> float:
+    """Length in latent units below which a share of the observed steps lies."""
+    return _tabulated(models, "encoder", "step_length_quantiles", share)
+
+
+def _tabulated(models: Models, kind: str, table: str, share: float) -> float:
+    """Value of a part's table of quantiles below which a share of the samples lies."""
+    return quantile(models.stored(kind).arrays[f"{table}.values"], share)
+
+
+def _check_length(length: float, of: str, key: str, share: float | None, maker: str) -> None:
     """Refuse a length that no grid of cells can be made of.
 
     Args:
         length: a quantile.
         of: what it is a quantile of.
         key: of the quantile in a preset.
-        quantile: its value.
+        share: its value.
         maker: command that trains the model that the quantile is stored with.
 
     Raises:
@@ -81,6 +83,6 @@ def _check_length(length: float, of: str, key: str, quantile: float | None, make
     """
     if not length > 0:
         raise DataError(
-            f"the {quantile:g} quantile of the {of} is {length:g}, which no search can use; raise "
+            f"the {share:g} quantile of the {of} is {length:g}, which no search can use; raise "
             f"it by --set planner.{key}=..., or train on other data: elast {maker}"
         )

@@ -62,6 +62,11 @@ class TrainingState:
         self.schedule.step()
         self.step += 1
 
+    def save_if(self, due: bool) -> None:
+        """Save where that is due."""
+        if due:
+            self.save()
+
     def save(self) -> None:
         """Put the state on disk in place of the last checkpoint, whole or not at all."""
         state = {

@@ -1,24 +1,17 @@
-"""Trained models on disk: weights as safetensors, sizes as YAML. Reading runs no code."""
+"""Trained parts as torch modules, to disk and back: weights as safetensors, sizes as YAML."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor, nn
 
-from elast_cli.config import dump_yaml, read_yaml, validate
-from elast_cli.errors import DataError
-from elast_cli.files import open_regular
+from elast_cli.config import dump_yaml
 from elast_cli.models.part import Trained
-from elast_cli.models.parts import part_named
-
-WEIGHTS = "model.safetensors"
-SPEC = "model.yaml"
-_MAX_HEADER = 1 << 20
+from elast_cli.models.stored import SPEC, WEIGHTS, Stored, read_spec, read_tensors
+from elast_cli.models.tensors import Array, Want
 
 
 def save_model(folder: Path, trained: Trained) -> None:
@@ -41,55 +34,26 @@ def load_model(folder: Path, kind: str) -> nn.Module:
     Raises:
         DataError: not safetensors, tensors of other names, shapes or types, or not finite.
     """
-    spec = validate(
-        part_named(kind).spec,
-        read_yaml(folder / SPEC, error=DataError),
-        where=str(folder / SPEC),
-        error=DataError,
-    )
-    path = folder / WEIGHTS
-    _check_header(path)
+    spec = read_spec(folder, kind)
     with torch.device("meta"):
         module: nn.Module = spec.build()
-    try:
-        weights = load_file(path)
-    except (SafetensorError, OSError, ValueError) as error:
-        raise DataError(f"{path}: not a safetensors file: {error}") from error
-    expected = module.state_dict()
-    _check_tensors(path, weights, expected)
-    weights = {name: tensor.to(expected[name].dtype) for name, tensor in weights.items()}
+    wanted = {
+        name: Want(str(tensor.dtype).removeprefix("torch."), tuple(tensor.shape))
+        for name, tensor in module.state_dict().items()
+    }
+    arrays = read_tensors(folder, wanted)
+    weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
     module.load_state_dict(weights, assign=True)
     for parameter in module.parameters():
         parameter.requires_grad_(False)
     return module.eval()
 
 
-def _check_header(path: Path) -> None:
-    """Refuse a header that is too long or no JSON object before the library reads it."""
-    try:
-        with open_regular(path) as file:
-            length = int.from_bytes(file.read(8), "little")
-            if length > _MAX_HEADER:
-                raise DataError(f"{path}: not a safetensors file, or its header is too long")
-            header = json.loads(file.read(length))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DataError(f"{path}: not a safetensors file: {error}") from error
-    if not isinstance(header, dict):
-        raise DataError(f"{path}: not a safetensors file: its header is no mapping")
+def arrays_of(module: nn.Module) -> dict[str, Array]:
+    """The tensors of a module as arrays, by name."""
+    return {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()}
 
 
-def _check_tensors(path: Path, found: dict[str, Tensor], expected: dict[str, Tensor]) -> None:
-    odd = sorted(set(found) ^ set(expected))
-    if odd:
-        what = "unexpected" if odd[0] in found else "missing"
-        raise DataError(f"{path}: {what} tensor {odd[0]}")
-    for name, tensor in found.items():
-        want = expected[name]
-        packed = (tensor.dtype, want.dtype) == (torch.bfloat16, torch.float32)
-        if tensor.shape != want.shape or not (packed or tensor.dtype == want.dtype):
-            raise DataError(
-                f"{path}: tensor {name} is {tensor.dtype} {list(tensor.shape)}, "
-                f"expected {want.dtype} {list(want.shape)}"
-            )
-        if tensor.is_floating_point() and not torch.isfinite(tensor).all():
-            raise DataError(f"{path}: tensor {name} has values that are not finite")
+def stored(trained: Trained) -> Stored:
+    """A trained part as it would be read from disk."""
+    return Stored(trained.spec, arrays_of(trained.module))

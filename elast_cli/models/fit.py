@@ -35,39 +35,44 @@ def fit(
     config: FitConfig,
     setting: Setting,
 ) -> list[dict[str, float]]:
-    """Train `module` in place and return the rows of its metrics, one per `log_every` steps.
+    """Train `module`, on its device, in place: rows of metrics, one per `log_every` steps.
 
     Args:
         kind: of the part; names its random stream and its progress bar.
-        module: what to train; moved to its device already.
-        loss: draws a batch from the generator it is given and returns the loss and its parts.
+        module: what to train.
+        loss: draws a batch from a generator and returns the loss and its parts.
         validate: metrics on held-out data, called at every logged step.
         config: steps, rate, intervals.
-        setting: seed, folder of the checkpoint, progress.
+        setting: seed, folder, progress.
 
     Raises:
         DataError: the loss is not finite, or the checkpoint is damaged.
     """
-    state = TrainingState(module, config, setting.work)
+    state, progress = TrainingState(module, config, setting.work), setting.progress
     low = resolved(config.precision, setting.device.type) == "bfloat16"
     if state.restore():
-        setting.progress.note(f"{kind}: resuming at step {state.step} of {config.steps}")
+        progress.note(f"{kind}: resuming at step {state.step} of {config.steps}")
     module.train()
-    with setting.progress.task(kind, config.steps, state.step) as advance:
+    with progress.task(kind, config.steps, state.step) as advance:
         while state.step < config.steps:
             with torch.autocast(setting.device.type, torch.bfloat16, enabled=low):
                 value, parts = loss(generator("train", setting.seed, stream(kind), state.step))
             _refuse_infinite(kind, value, state)
             state.advance(value)
             advance(1)
-            if state.step % config.log_every == 0 or state.step == config.steps:
+            last = state.step == config.steps
+            if last or state.step % config.log_every == 0:
                 state.rows.append(_row(state.step, value, parts, validate))
-            if state.step % config.save_every == 0 and state.step < config.steps:
-                state.save()
-    if low:
+            state.save_if(not last and state.step % config.save_every == 0)
+    _finish(module, rounded=low)
+    return state.rows
+
+
+def _finish(module: nn.Module, *, rounded: bool) -> None:
+    """Make a trained module ready for inference; perhaps with rounded weights."""
+    if rounded:
         round_weights(module)
     module.eval()
-    return state.rows
 
 
 def _refuse_infinite(kind: str, value: Tensor, state: TrainingState) -> None:

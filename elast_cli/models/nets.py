@@ -8,6 +8,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from elast_cli.models.tensors import QUANTILE_GRID, quantile
 from elast_cli.shapes import IMAGE_SIZE
 
 
@@ -49,7 +50,6 @@ class LatentScale(nn.Module):
         return (z - self.mean) / self.std
 
 
-QUANTILE_GRID = 1001
 FAINT = 0.003  # share of the strongest colour's variance below which a colour is noise
 
 
@@ -127,9 +127,12 @@ class EnsembleLinear(nn.Module):
 
     def __init__(self, members: int, n_in: int, n_out: int) -> None:
         super().__init__()
-        single = [nn.Linear(n_in, n_out) for _ in range(members)]
-        self.weight = nn.Parameter(torch.stack([layer.weight.detach().T for layer in single]))
-        self.bias = nn.Parameter(torch.stack([layer.bias.detach() for layer in single])[:, None])
+        weight, bias = torch.empty(members, n_in, n_out), torch.empty(members, 1, n_out)
+        for e in range(members):  # no `torch.stack`: on the meta device it imports torch._dynamo
+            single = nn.Linear(n_in, n_out)
+            weight[e].copy_(single.weight.detach().T)
+            bias[e].copy_(single.bias.detach())
+        self.weight, self.bias = nn.Parameter(weight), nn.Parameter(bias)
 
     def forward(self, x: Tensor) -> Tensor:
         """Apply member e to x[e]."""
@@ -155,7 +158,4 @@ class QuantileTable(nn.Module):
 
     def at(self, probability: float) -> float:
         """Value below which a share `probability` of the observed samples lies."""
-        position = probability * (QUANTILE_GRID - 1)
-        low = int(position)
-        high = min(low + 1, QUANTILE_GRID - 1)
-        return float(torch.lerp(self.values[low], self.values[high], position - low))
+        return quantile(self.values.cpu().numpy(), probability)

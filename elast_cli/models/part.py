@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import torch
     from torch import nn
 
+    from elast_cli.models.tensors import Wanted
+
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 _MAX_SIZE = 1 << 20
 Precision = Literal["float32", "bfloat16", "auto"]
@@ -65,6 +67,14 @@ class ModelSpec(Protocol):
 
     def build(self) -> nn.Module:
         """A module of the right shape, with any weights."""
+        ...
+
+
+class PlainSpec(ModelSpec, Protocol):
+    """That of a part which inference reads without torch."""
+
+    def tensors(self) -> Wanted:
+        """The tensors of the module that `build` makes."""
         ...
 
 

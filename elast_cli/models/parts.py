@@ -1,12 +1,13 @@
 """The table of learned parts: light and lazy, and all that the rest of elast knows of them.
 
-From a row derive the section of presets, the command `train-<kind>`, the flag `--<kind>`, the order
+From a row derive the section of presets, the command `train-<word>`, the flag `--<word>`, the order
 of stages, what is missing, loading and saving. A new part is one module or folder, and one row.
 """
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 DATASET = "dataset"
 CONTEXT = "context"
+_KIND = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -26,12 +28,12 @@ class Part:
     """One learned part. Classes and functions are named `module:name`, and imported when needed.
 
     Attributes:
-        kind: the kind of its artifacts, its section, and the word in commands and flags.
+        kind: the kind of its artifacts and its section: small letters, digits and underscores.
         about: one line for `--help`.
         needs: kinds that it is trained on, `dataset` among them.
         needs_where_context: further ones where episodes differ in their context.
         section_class: its section of presets, a `Section`; imports no torch.
-        spec_class: a StrictModel with `build`, see `ModelSpec`.
+        spec_class: a StrictModel with `build`, see `ModelSpec`; imports no torch.
         trainer: called as trainer(inputs, section, setting), returns a `Trained`.
     """
 
@@ -69,8 +71,10 @@ def register(part: Part) -> None:
     """Add a row to the table, behind all that it needs.
 
     Raises:
-        ValueError: the kind is taken, or it needs a kind that is not there.
+        ValueError: the kind is taken or no kind, or it needs a kind that is not there.
     """
+    if not _KIND.fullmatch(part.kind):
+        raise ValueError(f"{part.kind!r} is no kind: small letters, digits and underscores")
     if part.kind in PARTS or part.kind == DATASET:
         raise ValueError(f"there is a part {part.kind!r} already")
     for need in (*part.needs, *part.needs_where_context):
@@ -86,6 +90,11 @@ def part_named(kind: str) -> Part:
             f"unknown part {kind!r}{suggestion(kind, PARTS)}; choose {', '.join(PARTS)}"
         )
     return PARTS[kind]
+
+
+def word(kind: str) -> str:
+    """A kind as commands and flags spell it."""
+    return kind.replace("_", "-")
 
 
 def kinds() -> list[str]:
@@ -125,7 +134,7 @@ def imported(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _row(kind: str, about: str, needs: str, spec: str, needs_where_context: str = "") -> Part:
+def _row(kind: str, about: str, needs: str, needs_where_context: str = "") -> Part:
     """A row of elast's own, whose folder is called like its kind."""
     here = f"elast_cli.models.{kind}"
     return Part(
@@ -134,7 +143,7 @@ def _row(kind: str, about: str, needs: str, spec: str, needs_where_context: str 
         needs=tuple(needs.split()),
         needs_where_context=tuple(needs_where_context.split()),
         section_class=f"{here}.config:{kind.capitalize()}Section",
-        spec_class=f"{here}.{spec}",
+        spec_class=f"{here}.config:{kind.capitalize()}Spec",
         trainer=f"{here}.training:train",
     )
 
@@ -144,7 +153,6 @@ register(
         "context",
         about="Train the context autoencoder, where obstacles change with the episode.",
         needs="dataset",
-        spec="net:ContextSpec",
     )
 )
 register(
@@ -152,7 +160,6 @@ register(
         "encoder",
         about="Train the encoder with its forward model (contrastive predictive coding).",
         needs="dataset context",
-        spec="cpc:EncoderSpec",
     )
 )
 register(
@@ -160,7 +167,6 @@ register(
         "ensemble",
         about="Train the ensemble of latent dynamics.",
         needs="dataset context encoder",
-        spec="support:EnsembleSpec",
     )
 )
 register(
@@ -169,7 +175,6 @@ register(
         about="Train the transition density (noise-contrastive estimation).",
         needs="dataset context encoder",
         needs_where_context="ensemble",  # its noise asks H_f
-        spec="net:DensitySpec",
     )
 )
 register(
@@ -177,6 +182,5 @@ register(
         "policy",
         about="Train the local policy that leads from one latent to the next.",
         needs="dataset context encoder ensemble",
-        spec="net:PolicySpec",
     )
 )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
-import torch
 from pydantic import Field, model_validator
-from torch import Tensor
 
 from elast_cli.config import StrictModel
 from elast_cli.planners.base import Plan, PlanCost, Query
 from elast_cli.seeding import derived_seed
+
+if TYPE_CHECKING:
+    from torch import Tensor  # a preset reads CemConfig, which needs no torch
 
 
 class CemConfig(StrictModel):
@@ -63,6 +64,8 @@ class CemPlanner:
 
     def plan(self, query: Query) -> Plan:
         """One action sequence a row."""
+        import torch
+
         config, rows = self.config, len(query.start)
         guess = np.zeros((rows, config.horizon, self.rollout.action_size), np.float32)
         if config.warm_start and query.left is not None:
@@ -71,10 +74,11 @@ class CemPlanner:
         start, goal, context, mean = map(
             torch.from_numpy, (query.start, query.goal, query.context, guess)
         )
-        found = [
-            self._optimise(start[b], goal[b], context[b], mean[b], int(query.seed[b]))
-            for b in range(rows)
-        ]
+        with torch.inference_mode():
+            found = [
+                self._optimise(start[b], goal[b], context[b], mean[b], int(query.seed[b]))
+                for b in range(rows)
+            ]
         states = np.stack([path.numpy() for _, path in found])
         remaining = np.linalg.norm(states[:, -1] - query.goal, axis=1)
         calls = config.num_samples * config.n_steps * config.horizon * self.rollout.members
@@ -88,11 +92,12 @@ class CemPlanner:
             cost=cost,
         )
 
-    @torch.inference_mode()
     def _optimise(
         self, start: Tensor, goal: Tensor, context: Tensor, guess: Tensor, seed: int
     ) -> tuple[Tensor, Tensor]:
         """Best actions [H,A] seen and the latents [H+1,Z] they lead through."""
+        import torch
+
         config = self.config
         generator = torch.Generator().manual_seed(derived_seed("plan", seed))
         mean, std = guess, torch.full_like(guess, config.var_scale)

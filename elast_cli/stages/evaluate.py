@@ -24,7 +24,6 @@ from elast_cli.seeding import derived_seed
 from elast_cli.stages.job import (
     Job,
     RecipeJob,
-    limit_threads,
     note_if_unrepeatable,
     time_budget,
     verify_files,
@@ -152,14 +151,21 @@ def _run_chunk(chunk: _Chunk) -> None:
     from elast_cli.methods.loading import controller
 
     job = chunk.job
-    limit_threads(job.threads)
     max_steps = _budget(job, chunk.scenarios[0])
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
     rows = len(envs)
     with job.progress.task(chunk.method, rows * max_steps) as advance:
         traces = run_episodes(
-            controller(chunk.method, folders, job.config, job.env, device=job.device, rows=rows),
+            controller(
+                chunk.method,
+                folders,
+                job.config,
+                job.env,
+                device=job.device,
+                rows=rows,
+                threads=job.threads,
+            ),
             envs,
             chunk.scenarios,
             max_steps=max_steps,

@@ -43,6 +43,7 @@ class Job:
         device: "cpu" or "cuda", resolved; part of the recipe of whatever torch computes.
         threads: torch threads a process; part of such recipes too.
         workers: processes; never changes a result.
+        memory_gb: most memory of a training; never changes a result.
         progress: where progress is shown.
         given: artifacts named on the command line, by role.
         wait: wait for another process that makes the same artifact.
@@ -60,6 +61,7 @@ class Job:
     device: str = "cpu"
     threads: int = 1
     workers: int = 1
+    memory_gb: float = 4.0
     progress: Progress = field(default_factory=Silent)
     given: Mapping[str, Ref] = field(default_factory=dict)
     wait: bool = True

@@ -15,7 +15,7 @@ from elast_cli.envs.scenario import Scenario
 from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import UsageError
 from elast_cli.methods.table import Method, method_named, needing
-from elast_cli.models.parts import PARTS
+from elast_cli.models.parts import DATASET, PARTS
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import FRAMES, Uint8
 from elast_cli.stages.collect import DATASET_FILE
@@ -24,7 +24,6 @@ from elast_cli.stages.job import (
     PLANNER,
     Job,
     RecipeJob,
-    limit_threads,
     note_if_unrepeatable,
     verify_files,
 )
@@ -53,7 +52,7 @@ def recipe_job(job: Job, method: str, level: str, index: int) -> RecipeJob:
     """
     entry = _tree_method(method)
     max_steps = job.task_info.level(level).max_steps
-    inputs = resolve(job.of_method(entry), ("dataset", *entry.parts))
+    inputs = resolve(job.of_method(entry), (DATASET, *entry.parts))
     settings = job.config.section("eval", EvalConfig)
     config: JsonDict = {
         "method": method,
@@ -88,38 +87,31 @@ def _plan(
 ) -> JsonDict:
     from elast_cli.control.base import Task
     from elast_cli.control.episodes import context_images
-    from elast_cli.inference.contexts import ContextVectors
-    from elast_cli.inference.frames import FrameEncoder
     from elast_cli.methods.explain import explain_plan
-    from elast_cli.methods.loading import load_models
-    from elast_cli.models.context.net import ContextAutoencoder
-    from elast_cli.models.encoder.cpc import Representation
-    from elast_cli.models.ensemble.support import SupportedDynamics
+    from elast_cli.methods.loading import Models
+    from elast_cli.methods.sight import contexts, frame_encoder
     from elast_cli.planners.base import Query
     from elast_cli.planners.tree.config import TreeConfig
 
-    limit_threads(job.threads)
     note_if_unrepeatable(job, method)
-    verify_files(job.store, inputs)
+    verify_files(job.store, {role: ref for role, ref in inputs.items() if role != DATASET})
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role in PARTS}
-    models = load_models(folders, job.device)
+    models = Models(folders, job.device, job.threads)
     scenario = _scenario(job, level, index)
     env = make(job.env, job.config.env)
     start, info = env.reset(options={"scenario": scenario})
     seed = np.array([derived_seed("plan", plan_seed(job, scenario), 0)])
     task = Task(_resting(info["goal"]), seed, context_images([info]))
-    encoder = FrameEncoder(models.part("encoder", Representation).encoder)
-    contexts = ContextVectors(models.maybe("context", ContextAutoencoder))
+    encoder, read = frame_encoder(models), contexts(models)
     goal, state = encoder.begin(task)
-    query = Query(
-        encoder.update(state, _resting(start), None)[0], goal, contexts(task.context, 1), seed
-    )
+    latent, _ = encoder.update(state, _resting(start), None)
+    query = Query(latent, goal, read(task.context, 1), seed)
     config = method.configure(job.config).section(PLANNER, TreeConfig)
     plan = explain_plan(models, config, query, _distance_of(env))
     data: JsonDict = {"method": method.name, **_described(job, scenario), "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
-    support = models.part("ensemble", SupportedDynamics).support.latents.cpu().numpy()
+    support = models.stored("ensemble").arrays["support.latents"]
     ends = np.concatenate([query.start, query.goal])
     _draw(job, inputs, plan, support=support, ends=ends, frames=(start, info["goal"]), run=run)
     return {key: plan.figures[key] for key in METRICS}
@@ -176,14 +168,13 @@ def _draw(
     from elast_cli.pictures.plan import PlanPicture, plan_figure
     from elast_cli.pictures.projection import project_2d
 
-    pixels = Dataset.load(job.store.file(inputs["dataset"], DATASET_FILE)).pixels
+    # frames are checked chunk by chunk as they are read: the rest of the file does not matter here
+    pixels = Dataset.load(job.store.path(inputs[DATASET]) / DATASET_FILE).pixels
     every = np.concatenate([plan.latents, support, ends])
     xy, name = project_2d(every, fit=support, seed=job.seed)
     nodes, size = len(plan.latents), len(support)
     inner = np.arange(1, len(plan.path))
     shown = inner[:: max(1, -(-len(inner) // MOST_FRAMES))]
-    figures = plan.figures
-    reached = "reached" if figures["reached"] else "not reached"
     config = run.recipe.config
     picture = PlanPicture(
         nodes_xy=xy[:nodes],
@@ -197,10 +188,16 @@ def _draw(
         start=frames[0],
         goal=frames[1],
         title=f"{config['method']}: {job.env} {config['level']} {config['scenario']}",
-        lines=(
-            f"{figures['steps']} steps, goal {reached}",
-            f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",
-        ),
+        lines=_captions(plan.figures),
         projection=name,
     )
     plan_figure(picture, run.staging / PICTURE_FILE)
+
+
+def _captions(figures: JsonDict) -> tuple[str, str]:
+    """What a plan came to, in two lines."""
+    reached = "reached" if figures["reached"] else "not reached"
+    return (
+        f"{figures['steps']} steps, goal {reached}",
+        f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",
+    )

@@ -13,8 +13,8 @@ from elast_cli.config import JsonDict
 from elast_cli.evaluation.rows import EpisodeRow, OverallRow, Results
 from elast_cli.evaluation.summary import results_document, summarize
 from elast_cli.evaluation.tables import table
-from elast_cli.stages.inspect import RESULTS_FILE, WORLD, read_results, texts
 from elast_cli.stages.job import Job, RecipeJob
+from elast_cli.stages.results import RESULTS_FILE, WORLD, read_results, texts
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 

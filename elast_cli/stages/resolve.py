@@ -136,28 +136,29 @@ class _Search:
 
     def _checked(self, role: str, ref: Ref) -> Manifest:
         """The manifest of an artifact that the user named."""
+        flag = f"--{parts.word(role)} {ref}"
         if ref.kind != role:
             raise UsageError(
-                f"--{role} {ref}: its kind is {ref.kind}, not {role}; list: elast ls --kind {role}"
+                f"{flag}: its kind is {ref.kind}, not {role}; list: elast ls --kind {role}"
             )
         job = self.job
         if ref.env != job.env:
-            raise DataError(f"--{role} {ref}: of environment {ref.env}, not {job.env}")
+            raise DataError(f"{flag}: of environment {ref.env}, not {job.env}")
         manifest = self.store.manifest(ref)
         recipe = manifest.recipe
         if (recipe.preset, recipe.seed) != (job.preset, job.seed):
             raise DataError(
-                f"--{role} {ref}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
+                f"{flag}: of preset {recipe.preset} and seed {recipe.seed}, not of preset "
                 f"{job.preset} and seed {job.seed}; lineages are never mixed: add "
                 f"--preset {recipe.preset} --seed {recipe.seed}"
             )
         if recipe.variant != job.variant(role):
             raise DataError(
-                f"--{role} {ref}: made for methods with {_variant_text(recipe.variant)}, "
+                f"{flag}: made for methods with {_variant_text(recipe.variant)}, "
                 f"not for {_variant_text(job.variant(role))}"
             )
         if world := differences.of_world(job, manifest):
-            raise DataError(f"--{role} {ref}: made in another world: {'; '.join(world)}")
+            raise DataError(f"{flag}: made in another world: {'; '.join(world)}")
         return manifest
 
     def _refuse_mixed(self, given: Sequence[tuple[Ref, Manifest]]) -> None:
@@ -193,7 +194,7 @@ def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:
     """What is missing, and the command that makes it."""
     order = parts.kinds()
     before = {r: ref for r, ref in given.items() if order.index(r) < order.index(role)}
-    named = "".join(f" --{r} {ref}" for r, ref in before.items())
+    named = "".join(f" --{parts.word(r)} {ref}" for r, ref in before.items())
     of = f" of {', '.join(map(str, before.values()))}" if before else ""
     there_is_no = f"there is no {role}{of} for {job.env}, preset {job.preset}, seed {job.seed}"
     if variant := job.variant(role):
@@ -201,5 +202,5 @@ def _missing(job: Job, role: str, given: Mapping[str, Ref]) -> str:
             f"{there_is_no}, with {_variant_text(variant)}; "
             f"run: elast train-baseline {job.method} {job.flags()}"
         )
-    maker = "collect" if role == parts.DATASET else f"train-{role}"
+    maker = "collect" if role == parts.DATASET else f"train-{parts.word(role)}"
     return f"{there_is_no}; run: elast {maker} {job.flags()}{named}"

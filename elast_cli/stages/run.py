@@ -20,9 +20,9 @@ from elast_cli.models.parts import closure
 from elast_cli.progress import Silent
 from elast_cli.stages import evaluate, report
 from elast_cli.stages.chain import make_models, planned_models
-from elast_cli.stages.inspect import read_results, texts
 from elast_cli.stages.job import Job
 from elast_cli.stages.resolve import present, resolve, roles_of
+from elast_cli.stages.results import read_results, texts
 from elast_cli.store.manifest import Ref
 
 if TYPE_CHECKING:

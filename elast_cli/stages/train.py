@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
@@ -21,6 +22,7 @@ from elast_cli.store.run import Run
 
 if TYPE_CHECKING:
     from elast_cli.data.dataset import Dataset
+    from elast_cli.models.part import Reconstructions
 
 ALGORITHM_VERSION = 1
 RECONSTRUCTIONS_FILE = "reconstructions.png"
@@ -70,7 +72,11 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     _check_contexts(job, inputs[DATASET], dataset)
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
-        seed=job.seed, work=run.work, device=torch.device(job.device), progress=job.progress
+        seed=job.seed,
+        work=run.work,
+        device=torch.device(job.device),
+        progress=job.progress,
+        memory_gb=job.memory_gb,
     )
     part = part_named(kind)
     with _disk_errors():
@@ -79,16 +85,21 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
         trained = part.train(Inputs(dataset, folders, setting, outputs), section, setting)
         save_model(run.staging, trained)
         write_metrics(trained.curve, run.staging)
-    if shown := trained.reconstructions:
-        from elast_cli.pictures.film import reconstruction_strip
+    if trained.reconstructions:
+        _draw(trained.reconstructions, run.staging / RECONSTRUCTIONS_FILE)
+    return {
+        **trained.metrics,
+        "precision": resolved(section.fit.precision, job.device),
+        "wall_s": round(time.monotonic() - began, 3),
+        "cpu_s": round(time.process_time() - cpu, 3),
+    }
 
-        path = run.staging / RECONSTRUCTIONS_FILE
-        reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
-    metrics: JsonDict = {**trained.metrics}
-    metrics["precision"] = resolved(section.fit.precision, job.device)
-    metrics["wall_s"] = round(time.monotonic() - began, 3)
-    metrics["cpu_s"] = round(time.process_time() - cpu, 3)
-    return metrics
+
+def _draw(shown: Reconstructions, path: Path) -> None:
+    """A strip of images above what the part makes of them."""
+    from elast_cli.pictures.film import reconstruction_strip
+
+    reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
 
 
 def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:

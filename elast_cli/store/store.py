@@ -20,15 +20,15 @@ A stage uses it in one way:
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from elast_cli.errors import BusyError, DataError, MissingInputError
-from elast_cli.files import refuse_links, remove_folder, storage_errors
-from elast_cli.store.locks import LOCKS, held
+from elast_cli.errors import DataError, MissingInputError
+from elast_cli.files import storage_errors
+from elast_cli.store.leftovers import removed
+from elast_cli.store.locks import held
 from elast_cli.store.manifest import (
     MANIFEST,
     MANIFEST_DIGEST,
@@ -41,12 +41,11 @@ from elast_cli.store.manifest import (
     read_manifest,
     refuse_link,
 )
-from elast_cli.store.run import HIGHEST, Run
+from elast_cli.store.run import Run
 
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
 _MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
-_DIGEST = re.compile("[0-9a-f]{64}")
 MAX_GENERATIONS = 32
 
 
@@ -160,17 +159,7 @@ class Store:
             BusyError: the lock is held and `wait` is false.
             DataError: a parent is not the one that the recipe was written for.
         """
-        digests = {role: self.digest(ref) for role, ref in parents.items()}
-        if digests != recipe.parents:
-            raise DataError(f"the parents of this {recipe.kind} changed while it was prepared")
-        run = Run(
-            recipe=recipe,
-            parents={
-                role: Parent(ref=str(ref), digest=digests[role]) for role, ref in parents.items()
-            },
-            root=self.root(recipe.kind),
-            published=None if force else self.find(recipe),
-        )
+        run = self._run(recipe, parents, published=None if force else self.find(recipe))
         if run.published:  # nothing is written: the store may be another one's
             yield run
             return
@@ -183,6 +172,16 @@ class Store:
                 yield run
             finally:
                 run.clean()
+
+    def _run(self, recipe: Recipe, parents: Mapping[str, Ref], published: Ref | None) -> Run:
+        """A run that has not begun. Raises DataError if its parents are not those of the recipe."""
+        digests = {role: self.digest(ref) for role, ref in parents.items()}
+        if digests != recipe.parents:
+            raise DataError(f"the parents of this {recipe.kind} changed while it was prepared")
+        recorded = {
+            role: Parent(ref=str(ref), digest=digests[role]) for role, ref in parents.items()
+        }
+        return Run(recipe, recorded, self.root(recipe.kind), published)
 
     def verify(self, ref: Ref) -> Manifest:
         """The manifest, after every file of the artifact and of all its ancestors was checked.
@@ -232,45 +231,8 @@ class Store:
         return LineageNode(ref, "", visit(ref, (ref,)))
 
     def gc(self) -> list[Path]:
-        """Remove what interrupted runs left, and the cache: what is gone.
-
-        What a run in progress uses is not removed.
-
-        Only what has the form of elast's own leftovers is removed, and no link is followed.
-
-        Raises:
-            StorageError: a folder of the store is a link, or the disk fails; nothing is removed.
-        """
-        roots = (self.root("dataset"), self.root("other"))
-        for root in roots:
-            refuse_links(root / ".staging", root / ".runs", root / LOCKS, root / self.cache.name)
-        cached = [
-            path for path in sorted(self.cache.glob("*")) if _DIGEST.match(path.name.lstrip("."))
-        ]
-        with storage_errors():
-            for path in cached:
-                path.unlink(missing_ok=True)
-        return cached + [path for root in roots for path in self._collected(root)]
-
-    def _collected(self, root: Path) -> list[Path]:
-        """Remove the leftovers below one root: what is gone."""
-        removed = []
-        found = [*root.glob(".staging/*"), *root.glob(".runs/*"), *root.glob(f"*/*/.{HIGHEST}.*")]
-        for path in sorted(found):
-            name = path.name.partition(".")[0]
-            if path.parent.parent == root and not _DIGEST.fullmatch(name):
-                continue  # nothing that elast made
-            lock = name or f"{path.parent.parent.name}.{path.parent.name}"
-            try:
-                with storage_errors(), held(root, lock, wait=False):
-                    if path.is_dir() and not path.is_symlink():
-                        remove_folder(path)
-                    else:
-                        path.unlink(missing_ok=True)
-            except BusyError:
-                continue
-            removed.append(path)
-        return removed
+        """Remove what interrupted runs left, and the cache; see `leftovers.removed`."""
+        return removed([self.root("dataset"), self.root("other")], self.cache)
 
     def _read(self, ref: Ref) -> tuple[Manifest, str]:
         if not os.path.lexists(self.path(ref)):
@@ -281,7 +243,7 @@ class Store:
         there = [str(other) for other in self.refs(ref.env, ref.kind)]
         if there:
             return f"{ref} does not exist; there is {', '.join(there)}"
-        maker = _MAKERS.get(ref.kind, f"train-{ref.kind}")
+        maker = _MAKERS.get(ref.kind, f"train-{ref.kind.replace('_', '-')}")
         return f"{ref} does not exist; run: elast {maker} --env {ref.env}"
 
     def _check_parent(self, child: Ref, role: str, parent: Ref, digest: str) -> None:

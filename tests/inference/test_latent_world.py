@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from torch import nn
 
-from elast_cli.inference.frames import FrameEncoder
+from elast_cli.inference.frames import FrameEncoder, pooled
 from elast_cli.inference.latent_world import LatentWorld, PolicyCall
 from elast_cli.inference.rollout import CemRollout
 from elast_cli.models.encoder.config import EncoderConfig
 from elast_cli.models.encoder.net import Encoder
+from elast_cli.models.files import arrays_of, stored
+from elast_cli.models.nets import ForwardModel
 from elast_cli.shapes import FRAMES, Float32
-from tests.toys.models import ACTION, CONTEXT, LATENT, models
+from tests.toys.models import ACTION, CONTEXT, LATENT, SIZES, models, trained
 
 ROWS = 100
 SCENARIOS = 4
@@ -25,13 +26,20 @@ def parts() -> dict[str, Any]:
     return dict(models())
 
 
-def world_of(parts: dict[str, Any], forward_model: nn.Module | None = None) -> LatentWorld:
+def world_of(
+    parts: dict[str, Any], forward_model: ForwardModel | None = None, context: int = CONTEXT
+) -> LatentWorld:
+    sizes = SIZES.model_copy(update={"context": context})
     return LatentWorld(
-        dynamics=parts["ensemble"],
-        density=parts["density"],
-        policy=parts["policy"],
-        forward_model=forward_model,  # type: ignore[arg-type]  # h_f where it is given
-    ).at(array(SCENARIOS, CONTEXT))
+        ensemble=stored(trained(parts["ensemble"], sizes)),
+        density=stored(trained(parts["density"], sizes)),
+        policy=stored(trained(parts["policy"], sizes)),
+        forward_model=arrays_of(forward_model.net) if forward_model else None,
+    ).at(array(SCENARIOS, context))
+
+
+def frame_encoder(encoder: Encoder) -> FrameEncoder:
+    return FrameEncoder(encoder.config, arrays_of(encoder))
 
 
 def array(*shape: int, seed: int = 0) -> Float32:
@@ -129,20 +137,28 @@ def test_no_items_are_no_trouble(parts: dict[str, Any]) -> None:
 
 def test_a_task_may_have_no_context() -> None:
     parts: dict[str, Any] = dict(models(context=0))
-    world = LatentWorld(
-        dynamics=parts["ensemble"], density=parts["density"], policy=parts["policy"]
-    ).at(np.zeros((SCENARIOS, 0), np.float32))
+    world = world_of(parts, context=0)
     table, pair = world.features(Z, ROW), np.arange(ROWS - 1)
     expected = parts["density"](*tensors(Z[:-1], Z[1:], np.zeros((ROWS - 1, 0), np.float32)))
     found = world.log_density(table, pair, pair + 1)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize("pool", [1, 2, 4, 8])
+def test_frames_are_pooled_as_in_training_to_the_bit(pool: int) -> None:
+    encoder = Encoder(EncoderConfig.model_validate({"pool": pool, "width": 8}))
+    frames = np.random.default_rng(0).integers(256, size=(5, 64, 64, 3), dtype=np.uint8)
+    expected = encoder.preprocess(torch.from_numpy(frames)).numpy()
+    found = pooled(frames, pool)
+    assert found.dtype == expected.dtype
+    np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
 def test_the_frame_encoder_is_the_encoder_row_by_row(architecture: str) -> None:
     encoder: Any = models(architecture=architecture)["encoder"]
     frames = np.random.default_rng(0).integers(256, size=(5, FRAMES, 64, 64, 3), dtype=np.uint8)
-    call = FrameEncoder(encoder.encoder)
+    call = frame_encoder(encoder.encoder)
     latent = call(frames, None)
     features = encoder.encoder.preprocess(torch.from_numpy(frames).flatten(0, 1))
     expected = encoder.encoder(features.unflatten(0, (5, FRAMES)))
@@ -162,10 +178,10 @@ def test_the_frame_encoder_of_one_frame_is_the_encoder(architecture: str, whiten
     features = encoder.preprocess(torch.from_numpy(frames[:, -1]))
     with torch.no_grad():
         expected = encoder(features[:, None]).numpy()
-    latent = FrameEncoder(encoder)(frames, None)
+    latent = frame_encoder(encoder)(frames, None)
     np.testing.assert_allclose(latent, expected, rtol=1e-4, atol=1e-4)
     for b in range(4):
-        np.testing.assert_array_equal(FrameEncoder(encoder)(frames[b : b + 1], None)[0], latent[b])
+        np.testing.assert_array_equal(frame_encoder(encoder)(frames[b : b + 1], None)[0], latent[b])
 
 
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
@@ -174,7 +190,7 @@ def test_the_frame_encoder_takes_a_rows_context_image_off_its_frames(architectur
     rng = np.random.default_rng(0)
     frames = rng.integers(256, size=(4, FRAMES, 64, 64, 3), dtype=np.uint8)
     images = rng.integers(256, size=(4, 64, 64, 3), dtype=np.uint8)
-    call = FrameEncoder(encoder.encoder)
+    call = frame_encoder(encoder.encoder)
     latent = call(frames, images)
     less = (frames - images[:, None].astype(np.float32)).reshape(-1, 64, 64, 3)
     features = encoder.encoder.preprocess(torch.from_numpy(less)).unflatten(0, (4, FRAMES))
@@ -185,7 +201,7 @@ def test_the_frame_encoder_takes_a_rows_context_image_off_its_frames(architectur
 
 
 def test_the_policy_call_is_the_policy_row_by_row(parts: dict[str, Any]) -> None:
-    call = PolicyCall(parts["policy"])
+    call = PolicyCall(stored(trained(parts["policy"])))
     action = call(Z, Z_NEXT, CONTEXTS)
     np.testing.assert_allclose(
         action, parts["policy"](*tensors(Z, Z_NEXT, CONTEXTS)), rtol=1e-4, atol=1e-5

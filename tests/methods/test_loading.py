@@ -13,20 +13,22 @@ from elast_cli.control.followers import PlayActions, TrackStates
 from elast_cli.control.random_actions import Random
 from elast_cli.control.replan import Replan
 from elast_cli.envs.registry import task_info
-from elast_cli.inference.contexts import ContextVectors
 from elast_cli.methods.elast import tree_planner
-from elast_cli.methods.loading import Models, controller, load_models
+from elast_cli.methods.loading import Models, controller
+from elast_cli.methods.sight import contexts
 from elast_cli.methods.table import METHODS
 from elast_cli.models.context.config import ContextConfig
 from elast_cli.models.context.net import ContextAutoencoder, context_vectors
 from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.files import save_model
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.cem import CemConfig, CemPlanner
-from elast_cli.planners.shooting import ShootingPlanner
+from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset
 from elast_cli.shapes import FRAMES
 from tests.toys.methods import ROWS, tree_config
+from tests.toys.models import trained
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -72,27 +74,31 @@ def test_methods_are_built_of_the_parts_they_name(
 def test_without_the_ensemble_the_forward_model_predicts(
     folders: dict[str, Path], tiny: Preset
 ) -> None:
-    models = load_models(folders, "cpu")
+    models = Models(folders, "cpu")
     context = np.zeros((1, 0), np.float32)
     for use, members in ((True, 2), (False, 1)):
         config = tree_config(tiny, {"use_ensemble": use})
         assert tree_planner(models, config).world(context).members == members
 
 
-def test_a_part_is_there_by_its_kind_and_class_or_named(folders: dict[str, Path]) -> None:
-    models = load_models({"encoder": folders["encoder"]}, "cpu")
-    assert isinstance(models, Models)
-    assert models.part("encoder", Representation) is models.parts["encoder"]
-    assert models.maybe("policy", LocalPolicy) is None
-    with pytest.raises(TypeError, match="policy of class LocalPolicy, got None"):
-        models.part("policy", LocalPolicy)
+def test_a_part_is_read_once_as_arrays_and_once_as_a_module(folders: dict[str, Path]) -> None:
+    models = Models(folders, "cpu")
+    module, stored = models.part("encoder", Representation), models.stored("encoder")
+    assert models.part("encoder", Representation) is module
+    assert models.stored("encoder") is stored
+    assert stored.arrays.keys() == module.state_dict().keys()
+    for name, tensor in module.state_dict().items():
+        np.testing.assert_array_equal(stored.arrays[name], tensor)
     with pytest.raises(TypeError, match="encoder of class LocalPolicy, got Representation"):
-        models.maybe("encoder", LocalPolicy)
+        models.part("encoder", LocalPolicy)
 
 
-def test_contexts_are_those_of_the_context_images_or_of_no_size() -> None:
+def test_contexts_are_those_of_the_context_images_or_of_no_size(tmp_path: Path) -> None:
     model = ContextAutoencoder(ContextConfig(latent_size=3, channels=4, pool=4)).eval()
+    save_model(tmp_path, trained(model))
     images = np.random.default_rng(0).integers(256, size=(2, 64, 64, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(ContextVectors(model)(images, 2), context_vectors(model, images))
-    assert ContextVectors(None)(images, 2).shape == (2, 0)
-    assert ContextVectors(model)(None, 2).shape == (2, 0)
+    read = contexts(Models({"context": tmp_path}, "cpu"))
+    np.testing.assert_array_equal(read(images, 2), context_vectors(model, images))
+    assert contexts(Models({}, "cpu"))(images, 2).shape == (2, 0)
+    with pytest.raises(ValueError, match="no context images"):
+        read(None, 2)

@@ -9,18 +9,16 @@ import pytest
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError
-from elast_cli.methods.loading import load_models
+from elast_cli.methods.loading import Models
 from elast_cli.methods.thresholds import limits, radii
-from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.preset import Preset
-from tests.toys.methods import ramp, tree_config
+from tests.toys.methods import tree_config
 
 
 def test_limits_and_radii_are_quantiles_of_observed_transitions(
     folders: dict[str, Path], tiny: Preset
 ) -> None:
-    models = load_models(folders, "cpu")
+    models = Models(folders, "cpu")
     changes: JsonDict = {
         "tests": {
             "density_quantile": 0.01,
@@ -46,7 +44,7 @@ def test_limits_and_radii_are_quantiles_of_observed_transitions(
 
 
 def test_a_test_that_is_off_has_an_infinite_limit(folders: dict[str, Path], tiny: Preset) -> None:
-    models = load_models(folders, "cpu")
+    models = Models(folders, "cpu")
     names = ("density_quantile", "variance_quantile", "support_quantile", "round_trip_quantile")
     found = limits(models, tree_config(tiny, {"tests": dict.fromkeys(names)}))
     assert found.min_log_density == -np.inf
@@ -56,13 +54,13 @@ def test_a_test_that_is_off_has_an_infinite_limit(folders: dict[str, Path], tiny
 def test_lengths_of_nothing_are_refused_by_the_name_of_their_quantile(
     folders: dict[str, Path], tiny: Preset
 ) -> None:
-    models, config = load_models(folders, "cpu"), tree_config(tiny)
-    ramp(models.part("encoder", Representation).step_length_quantiles, 0.0)
+    models, config = Models(folders, "cpu"), tree_config(tiny)
+    models.stored("encoder").arrays["step_length_quantiles.values"][:] = 0
     with pytest.raises(
         DataError, match=r"0\.95 quantile .*planner\.rewire\.neighbor_quantile.*train-enc"
     ):
         radii(models, config)
-    ramp(models.part("ensemble", SupportedDynamics).support.distance_quantiles, 0.0)
+    models.stored("ensemble").arrays["support.distance_quantiles.values"][:] = 0
     with pytest.raises(
         DataError, match=r"0\.99 quantile .*planner\.tests\.support_quantile.*train-ens"
     ):

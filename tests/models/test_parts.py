@@ -1,217 +1,173 @@
-"""Encoder, dynamics, density, policy and support, each against its definition."""
+"""The table of learned parts: order, needs, what is added, and that it costs no torch."""
 
 from __future__ import annotations
 
-import numpy as np
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
-import torch
-from scipy.stats import multivariate_normal
-from torch.nn import functional
 
-from elast_cli.inference.dense import DenseNetwork
-from elast_cli.models.density.net import TransitionDensity
-from elast_cli.models.encoder.config import EncoderConfig
-from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.encoder.net import Encoder
-from elast_cli.models.ensemble.config import EnsembleConfig
-from elast_cli.models.ensemble.net import DynamicsEnsemble
-from elast_cli.models.ensemble.support import SupportedDynamics
-from elast_cli.models.nets import ForwardModel, LatentScale
-from elast_cli.models.policy.net import LocalPolicy
-from tests.toys.models import ACTION, CONTEXT, LATENT, models
+from elast_cli.config import StrictModel
+from elast_cli.errors import UsageError
+from elast_cli.models import part as module
+from elast_cli.models import parts
+from elast_cli.models.part import Section, stream
+from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_named, register, word
+
+OURS = ["context", "encoder", "ensemble", "density", "policy"]
 
 
-def items(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Latents, next latents, actions and contexts."""
-    torch.manual_seed(1)
-    return (
-        torch.randn(count, LATENT),
-        torch.randn(count, LATENT),
-        torch.rand(count, ACTION) * 2 - 1,
-        torch.randn(count, CONTEXT),
+def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
+    """A row whose classes are nowhere."""
+    return Part(
+        kind=kind,
+        about="a part",
+        needs=tuple(needs.split()),
+        section_class="nowhere:Section",
+        spec_class="nowhere:Spec",
+        trainer="nowhere:train",
+        needs_where_context=tuple(needs_where_context.split()),
     )
 
 
-def ensemble() -> DynamicsEnsemble:
-    model = models()["ensemble"]
-    assert isinstance(model, SupportedDynamics)
-    return model.ensemble
+def test_the_table_holds_these_parts_in_this_order() -> None:
+    assert list(PARTS) == OURS
+    assert kinds() == ["dataset", *OURS]
 
 
-def density() -> TransitionDensity:
-    model = models()["density"]
-    assert isinstance(model, TransitionDensity)
-    return model
+@pytest.mark.parametrize("kind", OURS)
+def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
+    before = kinds()[: kinds().index(kind)]
+    assert set(needs(kind, has_context=True)) <= set(before)
+    assert needs(kind, has_context=True) == [
+        k for k in before if k in needs(kind, has_context=True)
+    ]
 
 
-@pytest.mark.parametrize("pool", [1, 2, 4, 8])
-def test_preprocessing_is_average_pooling(pool: int) -> None:
-    pixels = torch.randint(256, (300, 64, 64, 3), dtype=torch.uint8)
-    encoder = Encoder(EncoderConfig.model_validate({"pool": pool}))
-    features = encoder.preprocess(pixels)
-    channels = pixels.permute(0, 3, 1, 2).float()
-    expected = functional.avg_pool2d(channels, pool) if pool > 1 else channels
-    assert features.dtype == torch.float16
-    torch.testing.assert_close(features.float(), expected, rtol=2**-10, atol=2**-10)
+@pytest.mark.parametrize(
+    ("kind", "with_context", "without"),
+    [
+        ("dataset", "", ""),
+        ("context", "dataset", "dataset"),
+        ("encoder", "dataset context", "dataset"),
+        ("ensemble", "dataset context encoder", "dataset encoder"),
+        ("density", "dataset context encoder ensemble", "dataset encoder"),
+        ("policy", "dataset context encoder ensemble", "dataset encoder ensemble"),
+    ],
+)
+def test_a_part_needs_more_where_episodes_differ_in_their_context(
+    kind: str, with_context: str, without: str
+) -> None:
+    assert needs(kind, has_context=True) == with_context.split()
+    assert needs(kind, has_context=False) == without.split()
 
 
-def test_normalization_leaves_no_mean_image_and_one_global_scale() -> None:
-    encoder = Encoder(EncoderConfig())
-    features = (torch.rand(500, 3, 16, 16) * torch.linspace(1, 200, 16)).half()
-    encoder.fit_normalization(features)
-    x = (features.float() - encoder.mean) / encoder.scale
-    assert x.mean(0).abs().max().item() < 1e-2
-    assert x.square().mean().item() == pytest.approx(1, rel=1e-3)
+@pytest.mark.parametrize(
+    ("wanted", "with_context", "without"),
+    [
+        ("", "", ""),
+        ("dataset", "dataset", "dataset"),
+        ("density", "dataset context encoder ensemble density", "dataset encoder density"),
+        ("policy", "dataset context encoder ensemble policy", "dataset encoder ensemble policy"),
+        ("encoder context", "dataset context encoder", "dataset encoder"),
+        ("context", "dataset context", ""),
+    ],
+)
+def test_a_closure_holds_all_that_is_needed_in_order(
+    wanted: str, with_context: str, without: str
+) -> None:
+    assert closure(wanted.split()) == with_context.split()
+    assert closure(wanted.split(), has_context=False) == without.split()
 
 
-def test_whitened_colours_are_uncorrelated_and_vary_alike() -> None:
-    mix = torch.tensor([[5.0, 3.0, 2.0], [3.0, 5.0, 2.5], [2.0, 2.5, 5.0]])
-    features = torch.einsum("cd,mdhw->mchw", mix, torch.randn(500, 3, 16, 16)) + 100
-    encoder = Encoder(EncoderConfig(whiten=True))
-    encoder.fit_normalization(features)
-    colours = encoder.normalized(features).transpose(0, 1).flatten(1)
-    assert colours.mean(1).abs().max() < 1e-3
-    covariance = colours @ colours.T / colours.shape[1]
-    torch.testing.assert_close(covariance, torch.eye(3), atol=1e-3, rtol=0)
+@pytest.mark.parametrize("kind", OURS)
+def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
+    found = part_named(kind)
+    assert issubclass(found.section, Section)
+    assert (
+        found.section.model_validate({}).fit.steps > 0
+    )  # its defaults are complete: they are `standard`
+    assert callable(found.spec.build)
+    assert issubclass(found.spec, StrictModel)
+    assert callable(found.train)
+    assert found.about.endswith(".")
 
 
-def test_whitening_leaves_what_is_noise_faint() -> None:
-    grey = 50 * torch.randn(500, 1, 16, 16).expand(-1, 3, -1, -1)
-    encoder = Encoder(EncoderConfig(whiten=True))
-    encoder.fit_normalization(grey + 0.05 * torch.randn(500, 3, 16, 16))
-    noise = encoder.normalized(grey + 0.05 * torch.randn(500, 3, 16, 16)) - encoder.normalized(grey)
-    assert noise.square().mean() < 1e-3
-    encoder.fit_normalization(torch.ones(4, 3, 16, 16))
-    assert encoder.normalized(torch.ones(4, 3, 16, 16)).abs().max() == 0
+def test_no_two_parts_share_a_random_stream() -> None:
+    assert [stream(kind) for kind in OURS] == [5, 1, 2, 3, 4]  # of all models that there are
+    assert stream("goal_policy") not in module._STREAMS.values()
+    assert stream("goal_policy") != stream("vae")
 
 
-@pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
-@pytest.mark.parametrize("pool", [1, 4, 8])
-def test_every_encoder_sees_all_frames(architecture: str, pool: int) -> None:
-    torch.manual_seed(0)
-    config = EncoderConfig.model_validate(
-        {"architecture": architecture, "pool": pool, "latent_size": 5, "width": 16}
+def test_an_unknown_part_is_named_with_the_closest_and_all_choices() -> None:
+    words = r"'polcy' \(did you mean 'policy'\?\); choose context, encoder, ensemble"
+    with pytest.raises(UsageError, match=words):
+        part_named("polcy")
+    with pytest.raises(UsageError, match="unknown part 'polcy'"):
+        needs("polcy", has_context=True)
+
+
+@pytest.mark.usefixtures("tables")
+def test_a_new_row_stands_last_and_is_part_of_every_closure_that_asks_for_it() -> None:
+    register(row("goal_policy", "dataset encoder", needs_where_context="ensemble"))
+    assert kinds()[-1] == "goal_policy"
+    assert needs("goal_policy", has_context=False) == ["dataset", "encoder"]
+    assert needs("goal_policy", has_context=True) == ["dataset", "encoder", "ensemble"]
+    assert closure(["goal_policy"], has_context=False) == ["dataset", "encoder", "goal_policy"]
+    assert word("goal_policy") == "goal-policy"
+    register(row("planner2", "goal_policy"))
+    assert closure(["planner2"])[-2:] == ["goal_policy", "planner2"]
+
+
+@pytest.mark.usefixtures("tables")
+@pytest.mark.parametrize(
+    ("new", "why"),
+    [
+        (row("policy"), "a part 'policy' already"),
+        (row("dataset"), "a part 'dataset' already"),
+        (row("new", "dataset vea"), "'new' needs 'vea', which is not in the table"),
+        (row("new", "new"), "'new' needs 'new', which is not in the table"),
+        (row("new", needs_where_context="vea"), "needs 'vea'"),
+        (row("goal-policy"), "'goal-policy' is no kind"),
+        (row("Goal"), "'Goal' is no kind"),
+        (row(""), "'' is no kind"),
+    ],
+)
+def test_a_row_that_cannot_be_is_refused(new: Part, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        register(new)
+    assert list(PARTS) == OURS
+
+
+def loaded_by(code: str) -> set[str]:
+    """Modules that a new process has loaded after some code."""
+    root = str(Path(parts.__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
+        env={**os.environ, "PYTHONPATH": root},
+        capture_output=True,
+        text=True,
+        check=True,
     )
-    encoder = Encoder(config)
-    side = 64 // pool
-    base = torch.rand(1, 3, 3, side, side)
-    z = encoder(base)
-    assert z.shape == (1, 5)
-    for frame in range(3):
-        changed = base.clone()
-        changed[:, frame] += 1
-        assert not torch.equal(z, encoder(changed))
+    return set(done.stdout.split())
 
 
-@pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
-def test_an_encoder_of_one_frame_sees_the_last(architecture: str) -> None:
-    torch.manual_seed(0)
-    keys = {"architecture": architecture, "pool": 8, "frames": 1, "width": 16, "channels": 4}
-    encoder = Encoder(EncoderConfig.model_validate(keys))
-    base = torch.rand(1, 3, 3, 8, 8)
-    earlier, last = base.clone(), base.clone()
-    earlier[:, :2] += 1
-    last[:, 2] += 1
-    torch.testing.assert_close(encoder(earlier), encoder(base))
-    assert not torch.equal(encoder(last), encoder(base))
+def test_the_table_itself_imports_next_to_nothing() -> None:
+    heavy = {"torch", "numba", "numpy", "pydantic", "h5py", "gymnasium"}
+    assert not heavy & loaded_by("import elast_cli.models.parts")
 
 
-def test_the_scale_is_the_mean_the_deviation_and_the_root_mean_square_step() -> None:
-    scale = LatentScale(2)
-    z = torch.tensor([[0.0, 0.0], [2.0, 4.0]])
-    scale.fit(z, z + torch.tensor([[3.0, 0.0], [4.0, 0.0]]))
-    assert scale.mean.tolist() == [1, 2]
-    assert scale.std.tolist() == pytest.approx([2**0.5, 8**0.5])
-    assert scale.step.tolist() == pytest.approx([12.5**0.5, 1e-6])
-
-
-def test_the_forward_model_is_a_residual() -> None:
-    model = ForwardModel(LATENT, ACTION, CONTEXT, 8)
-    for parameter in model.parameters():
-        parameter.data.zero_()
-    z, _, action, context = items(5)
-    torch.testing.assert_close(model(z, action, context), z)
-
-
-def test_the_ensemble_predicts_the_mean_and_the_spread_of_its_members() -> None:
-    model = ensemble()
-    z, _, action, context = items(6)
-    steps = model.members(z, action, context) * model.scale.step
-    mean, variance = model(z, action, context)
-    torch.testing.assert_close(mean, z + steps.mean(0))
-    torch.testing.assert_close(variance, steps.var(0, correction=0).sum(1))
-
-
-@pytest.mark.parametrize("depth", [1, 2, 3])
-def test_members_of_every_depth_are_what_the_search_calls(depth: int) -> None:
-    config = EnsembleConfig(members=2, width=16, depth=depth)
-    model = DynamicsEnsemble(config, LATENT, ACTION, CONTEXT)
-    assert len(model.layers) == depth + 1
-    z, _, action, context = items(5)
-    inputs = torch.cat([model.scale(z), action, context], dim=1).numpy()
-    expected = model.members(z, action, context).detach()
-    np.testing.assert_allclose(DenseNetwork.of(model.layers)(inputs), expected, 1e-4, 1e-5)
-
-
-def test_members_may_each_have_their_own_inputs() -> None:
-    model = ensemble()
-    z, _, action, context = (x.unflatten(0, (3, 2)) for x in items(6))
-    together = model.members(z, action, context)
-    for e in range(3):
-        alone = model.members(z[e], action[e], context[e])[e]
-        torch.testing.assert_close(together[e], alone)
-
-
-def test_the_noise_is_a_gaussian_about_the_source() -> None:
-    psi = density()
-    z, z_next, _, _ = items(3)
-    for i in range(3):
-        covariance = np.diag(psi.noise_std().square().numpy())
-        expected = multivariate_normal(z[i].numpy(), covariance).logpdf(z_next[i].numpy())
-        assert psi.log_noise(z, z_next)[i].item() == pytest.approx(expected, rel=1e-4)
-
-
-def test_the_density_is_relative_to_noise_from_data_and_absolute_otherwise() -> None:
-    psi = density()
-    z, z_next, _, context = items(5)
-    ratio = psi.log_ratio(z, z_next, context)
-    torch.testing.assert_close(psi(z, z_next, context), ratio)
-    psi.config = psi.config.model_copy(update={"near_share": 0.0, "context_share": 0.5})
-    torch.testing.assert_close(psi(z, z_next, context), ratio)
-    psi.config = psi.config.model_copy(update={"near_share": 0.0, "context_share": 0.0})
-    torch.testing.assert_close(psi(z, z_next, context), ratio + psi.log_noise(z, z_next))
-
-
-def test_features_of_two_nodes_add_up_to_the_first_layer() -> None:
-    psi = density()
-    z, z_next, _, context = items(5)
-    width = psi.config.width
-    away, ahead = psi.features(z, context), psi.features(z_next, context)
-    hidden = away[:, :width] + ahead[:, width : 2 * width]
-    ratio = psi.log_ratio_from_hidden(hidden)
-    torch.testing.assert_close(ratio, psi.log_ratio(z, z_next, context), rtol=1e-4, atol=1e-5)
-
-
-def test_the_policys_actions_lie_in_the_box() -> None:
-    model = models()["policy"]
-    assert isinstance(model, LocalPolicy)
-    z, z_next, _, context = items(50)
-    action = model(z, 1000 * z_next, context)
-    assert action.shape == (50, ACTION)
-    assert action.abs().max().item() <= 1
-
-
-def test_the_support_finds_the_nearest_state() -> None:
-    model = models()["ensemble"]
-    assert isinstance(model, SupportedDynamics)
-    support, z = model.support, torch.randn(3000, LATENT)
-    gap = (z[:, None] - support.latents).norm(dim=2)
-    torch.testing.assert_close(support.distance(z), gap.amin(1), rtol=1e-3, atol=1e-3)
-    torch.testing.assert_close(gap.gather(1, support.nearest(z)[:, None])[:, 0], gap.amin(1))
-
-
-def test_a_step_length_is_a_quantile_of_the_steps() -> None:
-    model = models()["encoder"]
-    assert isinstance(model, Representation)
-    model.step_length_quantiles.fit(torch.linspace(0, 2, 101))
-    assert model.step_length(0.75) == pytest.approx(1.5)
+def test_presets_are_validated_without_torch() -> None:
+    code = """
+from elast_cli import preset
+from elast_cli.envs.registry import names
+from elast_cli.stages import presets
+for name in preset.names():
+    for env in names():
+        presets.load(name, env, ["encoder.fit.steps=3", "cem.topk=3", "planner.expansions=7"])
+"""
+    found = loaded_by(code)
+    assert not {"torch", "numba", "sklearn"} & found
+    assert {f"elast_cli.models.{kind}.config" for kind in OURS} <= found

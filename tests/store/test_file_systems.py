@@ -14,21 +14,13 @@ from elast_cli import files
 from elast_cli.errors import DataError, StorageError
 from elast_cli.store.manifest import MANIFEST, Recipe, Ref
 from elast_cli.store.store import Store
+from tests.toys import artifacts
 
 RECIPE = Recipe(kind="dataset", env="block-s", seed=0, preset="quick", config={})
 
 
 def publish(store: Store, recipe: Recipe = RECIPE) -> Ref:
-    with store.begin(recipe, parents={}) as run:
-        if run.published:
-            return run.published
-        (run.staging / "content.bin").write_bytes(b"content")
-        return run.publish({})
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path / "home")
+    return artifacts.publish(store, recipe)
 
 
 @pytest.fixture

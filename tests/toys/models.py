@@ -6,18 +6,18 @@ import torch
 from torch import nn
 
 from elast_cli.config import StrictModel
-from elast_cli.models.context.config import ContextConfig
-from elast_cli.models.context.net import ContextAutoencoder, ContextSpec
-from elast_cli.models.density.config import DensityConfig
-from elast_cli.models.density.net import DensitySpec, TransitionDensity
-from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
-from elast_cli.models.encoder.cpc import EncoderSpec, Representation
-from elast_cli.models.ensemble.config import EnsembleConfig
-from elast_cli.models.ensemble.support import EnsembleSpec, SupportedDynamics
+from elast_cli.models.context.config import ContextConfig, ContextSpec
+from elast_cli.models.context.net import ContextAutoencoder
+from elast_cli.models.density.config import DensityConfig, DensitySpec
+from elast_cli.models.density.net import TransitionDensity
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSpec
+from elast_cli.models.encoder.cpc import Representation
+from elast_cli.models.ensemble.config import EnsembleConfig, EnsembleSpec
+from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes, Trained
-from elast_cli.models.policy.config import PolicyConfig
-from elast_cli.models.policy.net import LocalPolicy, PolicySpec
+from elast_cli.models.policy.config import PolicyConfig, PolicySpec
+from elast_cli.models.policy.net import LocalPolicy
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from elast_cli.config import StrictModel
 from elast_cli.models.part import FitConfig, Section
+
+if TYPE_CHECKING:
+    from elast_cli.models.context.net import ContextAutoencoder
 
 
 class ContextConfig(StrictModel):
@@ -23,3 +26,15 @@ class ContextSection(Section):
 
     net: ContextConfig = ContextConfig()
     fit: FitConfig = FitConfig(steps=2000, batch_size=128)
+
+
+class ContextSpec(StrictModel):
+    """What is stored of a context autoencoder beside its weights."""
+
+    net: ContextConfig
+
+    def build(self) -> ContextAutoencoder:
+        """An autoencoder of this shape."""
+        from elast_cli.models.context.net import ContextAutoencoder
+
+        return ContextAutoencoder(self.net)

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
 from elast_cli.data.images import Images, blocks
 from elast_cli.models.context.config import ContextConfig
 from elast_cli.models.nets import PooledImages
@@ -93,13 +92,3 @@ def reconstructions(model: ContextAutoencoder, images: Uint8) -> Uint8:
     grey = model.decode(model.code(features)) * model.scale + model.mean
     found: Uint8 = grey.clamp(0, 255).round().byte().permute(0, 2, 3, 1).cpu().numpy()
     return np.ascontiguousarray(found)
-
-
-class ContextSpec(StrictModel):
-    """What is stored of a context autoencoder beside its weights."""
-
-    net: ContextConfig
-
-    def build(self) -> ContextAutoencoder:
-        """An autoencoder of this shape."""
-        return ContextAutoencoder(self.net)

@@ -11,10 +11,9 @@ from torch.nn import functional
 
 from elast_cli.data.images import Images, blocks
 from elast_cli.errors import DataError
-from elast_cli.models.context.config import ContextSection
+from elast_cli.models.context.config import ContextSection, ContextSpec
 from elast_cli.models.context.net import (
     ContextAutoencoder,
-    ContextSpec,
     context_vectors,
     reconstruction_error,
     reconstructions,

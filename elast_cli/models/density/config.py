@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pydantic import AliasChoices, Field
 
 from elast_cli.config import StrictModel
-from elast_cli.models.part import MAX_WIDTH, FitConfig, Section
+from elast_cli.models.part import MAX_WIDTH, FitConfig, Section, Sizes
+from elast_cli.models.tensors import Wanted, floats, network, quantiles, scale
+
+if TYPE_CHECKING:
+    from elast_cli.models.density.net import TransitionDensity
 
 
 class DensityConfig(StrictModel):
@@ -40,9 +46,37 @@ class DensityConfig(StrictModel):
         """How many of the ν false transitions lead to latents of the data near by."""
         return round(self.near_share * (self.noise_ratio - self.elsewhere(context_size)))
 
+    def relative(self, context_size: int) -> bool:
+        """Whether the noise has no known density, since part of it is data."""
+        return self.near(context_size) + self.elsewhere(context_size) > 0
+
 
 class DensitySection(Section):
     """Everything `train-density` needs."""
 
     net: DensityConfig = DensityConfig()
     fit: FitConfig = FitConfig(steps=5000, batch_size=512)
+
+
+class DensitySpec(StrictModel):
+    """What is stored of ψ beside its weights."""
+
+    sizes: Sizes
+    net: DensityConfig
+
+    def build(self) -> TransitionDensity:
+        """ψ of this shape."""
+        from elast_cli.models.density.net import TransitionDensity
+
+        return TransitionDensity(self.net, self.sizes.latent, self.sizes.context)
+
+    def tensors(self) -> Wanted:
+        """Those of ψ."""
+        sizes, width = self.sizes, self.net.width
+        return {
+            **scale("scale", sizes.latent),
+            "first.weight": floats(width, 2 * sizes.latent + sizes.context),
+            "first.bias": floats(width),
+            **network("rest.1", [width] * self.net.depth + [1]),
+            **quantiles("log_density_quantiles"),
+        }

@@ -8,10 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from elast_cli.config import StrictModel
 from elast_cli.models.density.config import DensityConfig
 from elast_cli.models.nets import LatentScale, QuantileTable, mlp
-from elast_cli.models.part import Sizes
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
@@ -47,7 +45,7 @@ class TransitionDensity(nn.Module):
     @property
     def relative(self) -> bool:
         """Whether the noise has no known density, since part of it is data."""
-        return self.config.near(self.context_size) + self.config.elsewhere(self.context_size) > 0
+        return self.config.relative(self.context_size)
 
     def noise_std(self) -> Tensor:
         """Standard deviation [Z] of the noise about a transition's source."""
@@ -84,14 +82,3 @@ class TransitionDensity(nn.Module):
         """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data."""
         ratio = self.log_ratio(z, z_next, context)
         return ratio if self.relative else ratio + self.log_noise(z, z_next)
-
-
-class DensitySpec(StrictModel):
-    """What is stored of ψ beside its weights."""
-
-    sizes: Sizes
-    net: DensityConfig
-
-    def build(self) -> TransitionDensity:
-        """ψ of this shape."""
-        return TransitionDensity(self.net, self.sizes.latent, self.sizes.context)

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from elast_cli.models.density.config import DensitySection
-from elast_cli.models.density.net import DensitySpec, TransitionDensity, nce_loss
+from elast_cli.models.density.config import DensitySection, DensitySpec
+from elast_cli.models.density.net import TransitionDensity, nce_loss
 from elast_cli.models.density.noise import Noise, OtherContexts
 from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.ensemble.support import SupportedDynamics

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
-from elast_cli.models.part import MAX_WIDTH, FitConfig, Section
+from elast_cli.models.part import MAX_WIDTH, FitConfig, Section, Sizes
+from elast_cli.models.tensors import Wanted, floats, network, quantiles, scale
+from elast_cli.shapes import IMAGE_SIZE
+
+if TYPE_CHECKING:
+    from elast_cli.models.encoder.cpc import Representation
+
+
+SMALLEST = 4  # side of the innermost feature maps
+MOST_CHANNELS = 256
 
 
 class EncoderConfig(StrictModel):
@@ -24,6 +33,17 @@ class EncoderConfig(StrictModel):
     frames: Literal[1, 3] = 3
     whiten: bool = False
     channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
+
+    @property
+    def side(self) -> int:
+        """Side S of a pooled frame."""
+        return IMAGE_SIZE // self.pool
+
+    @property
+    def conv_channels(self) -> list[int]:
+        """Channels of the convolutions, each of which halves the side, down to `SMALLEST`."""
+        layers = (self.side // SMALLEST).bit_length() - 1
+        return [min(self.channels * 2**i, MOST_CHANNELS) for i in range(layers)]
 
 
 class CpcConfig(StrictModel):
@@ -64,3 +84,44 @@ class EncoderSection(Section):
         if self.cpc.lookalikes > 1 and self.fit.save_every % self.cpc.refresh:
             raise ValueError("fit.save_every must be a multiple of cpc.refresh, to be resumable")
         return self
+
+
+class EncoderSpec(StrictModel):
+    """What is stored of φ and h_f beside its weights."""
+
+    sizes: Sizes
+    net: EncoderConfig
+    cpc: CpcConfig
+
+    def build(self) -> Representation:
+        """φ and h_f of this shape."""
+        from elast_cli.models.encoder.cpc import Representation
+
+        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)
+
+    def tensors(self) -> Wanted:
+        """Those of φ and h_f."""
+        sizes, latent, width = self.sizes, self.net.latent_size, self.cpc.dynamics_width
+        return {
+            **self._encoder(),
+            **network(
+                "dynamics.net", [latent + sizes.action + sizes.context, width, width, latent]
+            ),
+            **scale("scale", latent),
+            **quantiles("step_length_quantiles"),
+        }
+
+    def _encoder(self) -> Wanted:
+        net, side = self.net, self.net.side
+        found = {"encoder.mean": floats(3, side, side), "encoder.scale": floats()}
+        if net.whiten:
+            found["encoder.colours"] = floats(3, 3)
+        n_in, width = 3 * net.frames, net.width
+        if net.architecture == "pooled-mlp":
+            layers = [n_in * side * side, width, width, net.latent_size]
+            return found | network("encoder.net", layers)
+        for i, channels in enumerate(net.conv_channels):
+            found[f"encoder.net.body.{2 * i}.weight"] = floats(channels, n_in, 4, 4)
+            found[f"encoder.net.body.{2 * i}.bias"] = floats(channels)
+            n_in = channels
+        return found | network("encoder.net.head", [n_in * SMALLEST**2, width, net.latent_size])

@@ -6,12 +6,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from elast_cli.config import StrictModel
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
 from elast_cli.models.encoder.isometry import isometry_loss
 from elast_cli.models.encoder.net import Encoder
 from elast_cli.models.nets import ForwardModel, LatentScale, QuantileTable
-from elast_cli.models.part import Sizes
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -72,15 +70,3 @@ def cpc_loss(
         isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
         total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
     return total, parts
-
-
-class EncoderSpec(StrictModel):
-    """What is stored of φ and h_f beside its weights."""
-
-    sizes: Sizes
-    net: EncoderConfig
-    cpc: CpcConfig
-
-    def build(self) -> Representation:
-        """φ and h_f of this shape."""
-        return Representation(self.net, self.cpc, self.sizes.action, self.sizes.context)

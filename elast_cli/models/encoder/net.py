@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.models.encoder.config import SMALLEST, EncoderConfig
 from elast_cli.models.nets import PooledImages, mlp
 
 
@@ -27,7 +27,7 @@ class Encoder(PooledImages):
             n_in = config.frames * 3 * side * side
             self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
         else:
-            self.net = ConvStack(side, config)
+            self.net = ConvStack(config)
 
     def forward(self, features: Tensor) -> Tensor:
         """Encode stacks [M,F,3,S,S] to latents [M,Z]."""
@@ -40,15 +40,15 @@ class Encoder(PooledImages):
 class ConvStack(nn.Module):
     """Strided convolutions (kernel 4, stride 2, doubling channels) and a two-layer head."""
 
-    def __init__(self, side: int, config: EncoderConfig) -> None:
+    def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
-        channels, n_in = config.channels, config.frames * 3
+        n_in = config.frames * 3
         layers: list[nn.Module] = []
-        while side > 4:
+        for channels in config.conv_channels:
             layers += [nn.Conv2d(n_in, channels, 4, stride=2, padding=1), nn.ReLU()]
-            n_in, channels, side = channels, min(2 * channels, 256), side // 2
+            n_in = channels
         self.body = nn.Sequential(*layers, nn.Flatten())
-        self.head = mlp([n_in * side * side, config.width, config.latent_size])
+        self.head = mlp([n_in * SMALLEST**2, config.width, config.latent_size])
 
     def forward(self, x: Tensor) -> Tensor:
         """Frames beside each other as channels [M,F·3,S,S] -> [M,Z]."""

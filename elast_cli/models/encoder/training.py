@@ -10,8 +10,8 @@ from torch import Tensor
 
 from elast_cli.data.dataset import Dataset
 from elast_cli.errors import DataError
-from elast_cli.models.encoder.config import EncoderSection
-from elast_cli.models.encoder.cpc import EncoderSpec, Representation, cpc_loss
+from elast_cli.models.encoder.config import EncoderSection, EncoderSpec
+from elast_cli.models.encoder.cpc import Representation, cpc_loss
 from elast_cli.models.encoder.encode import encode, latents
 from elast_cli.models.encoder.hard_negatives import HardNegatives, Starts
 from elast_cli.models.encoder.windows import FrameWindows, frame_features

@@ -5,11 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
 from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.net import DynamicsEnsemble
 from elast_cli.models.nets import QuantileTable
-from elast_cli.models.part import Sizes
 
 
 class Support(nn.Module):
@@ -57,21 +55,3 @@ class SupportedDynamics(nn.Module):
         self.config = config
         self.ensemble = DynamicsEnsemble(config, latent_size, action_size, context_size)
         self.support = Support(config.support_size, latent_size, state_size)
-
-
-class EnsembleSpec(StrictModel):
-    """What is stored of H_f beside its weights."""
-
-    sizes: Sizes
-    net: EnsembleConfig
-
-    def build(self) -> SupportedDynamics:
-        """An ensemble of this shape, with its support."""
-        sizes = self.sizes
-        return SupportedDynamics(
-            self.net,
-            latent_size=sizes.latent,
-            action_size=sizes.action,
-            context_size=sizes.context,
-            state_size=sizes.state,
-        )

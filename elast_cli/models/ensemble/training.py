@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from elast_cli.models.ensemble.config import EnsembleSection
-from elast_cli.models.ensemble.support import EnsembleSpec, SupportedDynamics
+from elast_cli.models.ensemble.config import EnsembleSection, EnsembleSpec
+from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
 from elast_cli.models.part import Setting, Trained, seed_torch, stream

@@ -5,9 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from elast_cli.config import StrictModel
 from elast_cli.models.nets import LatentScale, QuantileTable, mlp
-from elast_cli.models.part import Sizes
 from elast_cli.models.policy.config import PolicyConfig
 
 
@@ -29,15 +27,3 @@ class LocalPolicy(nn.Module):
         step = (z_next - z) / self.scale.step
         out: Tensor = self.net(torch.cat([self.scale(z), step, context], dim=1))
         return torch.tanh(out.float())
-
-
-class PolicySpec(StrictModel):
-    """What is stored of π beside its weights."""
-
-    sizes: Sizes
-    net: PolicyConfig
-
-    def build(self) -> LocalPolicy:
-        """π of this shape."""
-        sizes = self.sizes
-        return LocalPolicy(self.net, sizes.latent, sizes.action, sizes.context)

@@ -11,8 +11,8 @@ from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import LatentData, fit_on_latents, fit_scale
 from elast_cli.models.part import Setting, Trained, seed_torch
-from elast_cli.models.policy.config import PolicySection
-from elast_cli.models.policy.net import LocalPolicy, PolicySpec
+from elast_cli.models.policy.config import PolicySection, PolicySpec
+from elast_cli.models.policy.net import LocalPolicy
 
 
 def train(inputs: Inputs, section: PolicySection, setting: Setting) -> Trained:

@@ -34,10 +34,9 @@ def propose(
         momentum: share of directions kept.
         momentum_noise: how much of the uniform action is added to a kept one.
     """
-    size, latents = forest.action.shape[2], forest.latent.shape[2]
+    size, noise, one = forest.action.shape[2], np.float32(momentum_noise), np.float32(1)
     action = np.empty((*parent.shape, size), np.float32)
-    z = np.empty((parent.size, latents), np.float32)
-    noise, one = np.float32(momentum_noise), np.float32(1)
+    z = np.empty((parent.size, forest.latent.shape[2]), np.float32)
     for r in range(parent.shape[0]):
         for k in range(parent.shape[1]):
             node = parent[r, k]
@@ -49,8 +48,7 @@ def propose(
                 reach = max(reach, abs(new[d]))
                 moved |= own[d] != 0
             if draws[r, k, 2] < edge_actions:
-                for d in range(size):
-                    new[d] /= reach
+                new /= reach
             if moved and draws[r, k, 3] < momentum:
                 for d in range(size):
                     new[d] = min(max(own[d] + noise * new[d], -one), one)

@@ -17,8 +17,8 @@ from elast_cli.models.density.config import DensityConfig, DensitySection
 from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.density.noise import OtherContexts
 from elast_cli.models.density.training import train_density
-from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSection
-from elast_cli.models.encoder.cpc import EncoderSpec, Representation
+from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSection, EncoderSpec
+from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.encoder.hard_negatives import Starts
 from elast_cli.models.encoder.net import Encoder

@@ -1,0 +1,117 @@
+"""What commands print and make."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from elast_cli.cli import app as cli
+from elast_cli.envs.registry import ENVS, task_info
+from tests.toys.command_line import COLLECT, fails
+
+
+@pytest.mark.usefixtures("home")
+def test_collect_prints_one_ref_and_does_not_work_twice(
+    capsys: pytest.CaptureFixture[str], home: Path
+) -> None:
+    assert cli.run(COLLECT) == 0
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("block-s/dataset/v1\n", "")
+    stamp = (home / "data/block-s/dataset/v1/dataset.h5").stat()
+    assert cli.run([*COLLECT[:-1]]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "block-s/dataset/v1\n"
+    assert "there already" in captured.err
+    assert (home / "data/block-s/dataset/v1/dataset.h5").stat() == stamp
+    assert cli.run([*COLLECT, "--force"]) == 0
+    assert capsys.readouterr().out == "block-s/dataset/v2\n"
+
+
+@pytest.mark.usefixtures("home")
+def test_a_stage_prints_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([*COLLECT, "--json", "--dry-run"]) == 0
+    assert json.loads(capsys.readouterr().out)["published"] is None
+    assert cli.run([*COLLECT, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["ref"] == "block-s/dataset/v1"
+    assert document["metrics"]["transitions"] == 100
+    assert cli.run([*COLLECT, "--json", "--dry-run"]) == 0
+    assert json.loads(capsys.readouterr().out)["published"] == "block-s/dataset/v1"
+
+
+@pytest.mark.usefixtures("home")
+def test_ls_show_and_verify_tell_people_and_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    cli.run(COLLECT)
+    capsys.readouterr()
+    assert cli.run(["ls"]) == 0
+    assert "block-s/dataset/v1" in capsys.readouterr().out
+    assert cli.run(["ls", "--json", "--kind", "encoder"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert cli.run(["show", "block-s/dataset/v1"]) == 0
+    shown = capsys.readouterr().out
+    assert "transitions" in shown
+    assert "dataset.h5" in shown
+    assert cli.run(["show", "block-s/dataset/v1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recipe"]["env"] == "block-s"
+    assert cli.run(["verify", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["ok"] is True
+
+
+def test_verify_names_the_changed_file_and_exits_65(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cli.run(COLLECT)
+    path = home / "data/block-s/dataset/v1/dataset.h5"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    capsys.readouterr()
+    assert cli.run(["verify"]) == 65
+    captured = capsys.readouterr()
+    assert "dataset.h5" in captured.err
+    assert "block-s/dataset/v1" in captured.out
+
+
+@pytest.mark.usefixtures("home")
+def test_eval_takes_the_environments_that_have_the_level(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["eval", "--methods", "random", "--dry-run", "--json", "--quiet"]
+    assert cli.run([*words, "--level", "hard"]) == 0
+    envs = {row["env"] for row in json.loads(capsys.readouterr().out)}
+    levels = {name: task_info(name).levels for name in ENVS}
+    assert envs == {name for name in ENVS if "hard" in levels[name]}
+    assert 0 < len(envs) < len(ENVS)
+    fails(capsys, 2, [*words, "--level", "hard,hrad"], "'hrad'", "did you mean 'hard'", "medium")
+    other = next(name for name in ENVS if name not in envs)
+    fails(capsys, 2, [*words, "--level", "hard", "--env", other], "'hard'", *levels[other])
+
+
+@pytest.mark.usefixtures("home")
+def test_doctor_finds_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["doctor", "--json"]) == 0
+    found = {check["name"]: check["status"] for check in json.loads(capsys.readouterr().out)}
+    assert {"python", "cores", "threads", "gpu", "renderer egl", "store", "disk"} <= set(found)
+    assert "fail" not in found.values()
+
+
+def test_a_home_that_is_not_made_yet_is_fine(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ELAST_HOME", str(home / "not/yet"))
+    assert cli.run(["doctor", "--json"]) == 0
+    found = {check["name"]: check for check in json.loads(capsys.readouterr().out)}
+    assert f"not/yet will be made: {home} is writable" in found["store"]["value"]
+    assert "GB free" in found["disk"]["value"]
+    assert list(home.iterdir()) == []
+
+
+def test_doctor_says_what_is_wrong_with_the_store(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (home / "file").write_text("")
+    monkeypatch.setenv("ELAST_HOME", str(home / "file/in/it"))
+    assert cli.run(["doctor"]) == 69
+    assert "export ELAST_HOME" in capsys.readouterr().err

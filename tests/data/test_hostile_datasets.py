@@ -1,0 +1,174 @@
+"""Datasets made to do harm: refused within bounds, naming what is wrong."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.toys.datasets import ROWS, SECRET, columns, refused, save
+from tests.toys.hostile import bounded
+
+pytestmark = pytest.mark.timeout(30)
+
+
+@pytest.fixture(autouse=True)
+def _bounded() -> Iterator[None]:
+    with bounded():
+        yield
+
+
+def external_link(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    file["state"] = h5py.ExternalLink(str(other), "state")
+
+
+def soft_link(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    file["state"] = h5py.SoftLink("/action")
+
+
+def nested_link(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    file.create_group("state")["state"] = h5py.ExternalLink(str(other), "state")
+
+
+def cycle(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    file["state"] = file["/"]
+
+
+def extra_group(file: h5py.File, other: Path) -> None:
+    file.create_group("more")["loop"] = file["/"]
+
+
+def external_storage(file: h5py.File, other: Path) -> None:
+    del file["pixels"]
+    size = ROWS * 64 * 64 * 3
+    stored = [(str(other.with_suffix(".raw")), 0, size)]
+    file.create_dataset("pixels", (ROWS, 64, 64, 3), np.uint8, external=stored)
+
+
+def virtual(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    layout = h5py.VirtualLayout((ROWS, 2), np.float32)
+    layout[:] = h5py.VirtualSource(str(other), "state", (ROWS, 2))
+    file.create_virtual_dataset("state", layout)
+
+
+def virtual_over_a_pipe(file: h5py.File, other: Path) -> None:
+    os.mkfifo(other.with_suffix(".pipe"))
+    del file["state"]
+    unlimited = h5py.h5s.UNLIMITED
+    spaces = []
+    for _ in range(2):
+        spaces.append(h5py.h5s.create_simple((ROWS, 2), (unlimited, 2)))
+        spaces[-1].select_hyperslab((0, 0), (unlimited, 1), (1, 1), (1, 2))
+    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    layout.set_virtual(spaces[0], bytes(other.with_suffix(".pipe")), b"state", spaces[1])
+    h5py.h5d.create(file.id, b"state", h5py.h5t.IEEE_F32LE, spaces[0], dcpl=layout)
+
+
+def unknown_filter(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    layout.set_chunk((ROWS, 2))
+    layout.set_filter(32015, h5py.h5z.FLAG_OPTIONAL)
+    space = h5py.h5s.create_simple((ROWS, 2))
+    h5py.h5d.create(file.id, b"state", h5py.h5t.IEEE_F32LE, space, dcpl=layout)
+
+
+def recreate(**options: Any) -> Callable[[h5py.File, Path], None]:
+    def change(file: h5py.File, _: Path) -> None:
+        del file["state"]
+        file.create_dataset("state", **options)
+
+    return change
+
+
+def shape_bomb(file: h5py.File, other: Path) -> None:
+    del file["pixels"]
+    file.create_dataset("pixels", (10**9, 64, 64, 3), np.uint8, chunks=(64, 64, 64, 3))
+
+
+def chunk_bomb(file: h5py.File, other: Path) -> None:
+    del file["pixels"]
+    file.create_dataset(
+        "pixels", (ROWS * 500, 64, 64, 3), np.uint8, chunks=(4500, 64, 64, 3), compression="gzip"
+    )
+
+
+def inflating_chunk(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    state = file.create_dataset(
+        "state", (ROWS, 2), np.float32, chunks=(ROWS, 2), compression="gzip"
+    )
+    state.id.write_direct_chunk((0, 0), zlib.compress(bytes(50_000_000)))
+
+
+def decompression_bomb(file: h5py.File, other: Path) -> None:
+    del file["pixels"]
+    rows = 64 * 200  # 157 MB from 160 kB
+    pixels = file.create_dataset(
+        "pixels", (rows, 64, 64, 3), np.uint8, chunks=(64, 64, 64, 3), compression="gzip"
+    )
+    packed = zlib.compress(bytes(64 * 64 * 64 * 3))
+    for start in range(0, rows, 64):
+        pixels.id.write_direct_chunk((start, 0, 0, 0), packed)
+
+
+HDF5: dict[str, tuple[Callable[[h5py.File, Path], None], str]] = {
+    "an external link": (external_link, "state is a link"),
+    "a soft link": (soft_link, "state is a link"),
+    "a nested link": (nested_link, "state is not a column"),
+    "a cycle": (cycle, "state is not a column"),
+    "an extra group": (extra_group, "unknown column 'more'"),
+    "external storage": (external_storage, "pixels is not stored in chunks"),
+    "a virtual column": (virtual, "state is not stored in chunks"),
+    "a virtual column over a pipe": (virtual_over_a_pipe, "state is not stored in chunks"),
+    "an unknown filter": (unknown_filter, "unknown filters"),
+    "variable-length rows": (
+        recreate(shape=(ROWS,), dtype=h5py.vlen_dtype(np.float32), chunks=(ROWS,)),
+        "state has type object",
+    ),
+    "variable-length strings": (
+        recreate(shape=(ROWS,), dtype=h5py.string_dtype(), chunks=(ROWS,)),
+        "state has type object",
+    ),
+    "compound rows": (
+        recreate(shape=(ROWS,), dtype=np.dtype([("x", "<f4"), ("y", "<f4")]), chunks=(ROWS,)),
+        "state has type",
+    ),
+    "references": (recreate(shape=(ROWS,), dtype=h5py.ref_dtype, chunks=(ROWS,)), "state has type"),
+    "an enumeration": (
+        recreate(shape=(ROWS, 2), dtype=h5py.enum_dtype({"A": 1}, "i4"), chunks=(ROWS, 2)),
+        "state has type",
+    ),
+    "doubles": (recreate(shape=(ROWS, 2), dtype="<f8", chunks=(ROWS, 2)), "state has type float64"),
+    "a scalar column": (recreate(data=np.float32(1)), "state"),
+    "an empty column": (recreate(data=h5py.Empty("f4")), "state"),
+    "a column without chunks": (recreate(data=np.zeros((ROWS, 2), "f4")), "not stored in chunks"),
+    "no rows": (recreate(shape=(0, 2), maxshape=(None, 2), dtype="<f4", chunks=(1, 2)), "shape"),
+    "too few dimensions": (recreate(data=np.zeros(ROWS, "f4"), chunks=(ROWS,)), "shape"),
+    "10 TB in a kilobyte": (shape_bomb, "declares|chunks"),
+    "a chunk of 55 MB": (chunk_bomb, "pixels has chunks of"),
+    "a chunk that inflates": (inflating_chunk, "longer than its content"),
+    "a decompression bomb": (decompression_bomb, "declares .* bytes and stores"),
+}
+
+
+@pytest.mark.parametrize("case", HDF5)
+def test_a_hostile_dataset_is_refused(tmp_path: Path, case: str) -> None:
+    change, message = HDF5[case]
+    other = save(tmp_path / "other.h5", {"state": np.zeros((ROWS, 2), np.float32)})
+    other.with_suffix(".raw").write_bytes(SECRET * 10_000)
+    path = save(tmp_path / "data.h5", columns())
+    with h5py.File(path, "r+", libver="latest") as file:
+        change(file, other)
+    refused(path, message)
