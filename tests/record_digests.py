@@ -89,6 +89,7 @@ class Trained(NamedTuple):
     task: str
     methods: str
     max_nodes: int
+    scenario_seed: int = 0
 
 
 # Presets that run the same code with other numbers are left out.
@@ -111,7 +112,7 @@ TRAINED = (
     Trained("block-param", ALL, 600),
     Trained("block-param", "elast", 100_000),
     Trained("planar-arm", FEW, 2000),
-    Trained("cable", MOST, 300),
+    Trained("cable", MOST, 300, scenario_seed=5),  # where most reach the goal soon
     Trained("cable", "elast", 1000),
     Trained("cable-param", FEW, 1000),
 )
@@ -202,6 +203,7 @@ def _of_trained(home: Home, trained: Trained) -> Digests:
     models = home.source / "docs" / "results" / "models" / "artifacts" / trained.task
     shutil.copytree(models, home.folder / "artifacts" / trained.task)
     words = ["--env", trained.task, "--methods", trained.methods, "--episodes", "2"]
+    words += ["--scenario-seed", str(trained.scenario_seed)]
     bounds = ["--max-nodes", str(trained.max_nodes), "--device", "cpu", "--workers", "1"]
     home.elast("eval", *words, *bounds, "--quiet")
     return under("eval", rows(home.latest(trained.task, "report") / "results.json"))

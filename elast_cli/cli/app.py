@@ -5,6 +5,7 @@ stdout has results: refs, one table or one JSON document. Notes and progress go 
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,9 @@ from typer.exceptions import TyperException
 from elast_cli.cli import commands
 from elast_cli.cli.output import fail, forgive_streams, print_text
 from elast_cli.errors import ElastError, StorageError
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy reads it: results are those of any worker
 
 app = typer.Typer(
     name="elast",

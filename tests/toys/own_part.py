@@ -18,8 +18,8 @@ from elast_cli.config import StrictModel
 from elast_cli.control.base import Controller, Task
 from elast_cli.inference.frames import FrameEncoder
 from elast_cli.methods.loading import Models
+from elast_cli.methods.sight import frame_encoder
 from elast_cli.methods.table import Method
-from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.inputs import Inputs
 from elast_cli.models.latents import fit_on_latents
 from elast_cli.models.nets import mlp
@@ -136,7 +136,7 @@ class Reactive:
 def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """The controller."""
     return Reactive(
-        FrameEncoder(models.part("encoder", Representation).encoder),
+        frame_encoder(models),
         models.part(PART.kind, GoalPolicy),
         preset.section("reactive", ReactiveConfig).gain,
     )
