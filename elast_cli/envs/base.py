@@ -23,7 +23,6 @@ class TaskInfo:
         levels: levels by name, the easiest first, each with its time limit.
         success_radius: greatest distance to the goal that counts as success, None if unknown.
         unit: unit of `success_radius`.
-        frames: how many successive frames show a whole state; 1 where nothing moves by itself.
     """
 
     action_size: int
@@ -32,7 +31,6 @@ class TaskInfo:
     levels: Mapping[str, Level]
     success_radius: float | None = None
     unit: str | None = None
-    frames: int = 1
 
     @property
     def max_steps(self) -> int:
