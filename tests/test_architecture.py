@@ -24,22 +24,9 @@ FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts.spl
 STRANGERS = set(FLOORS[3].split())  # never import one another
 BANNED_NAMES = {"utils", "util", "common", "helpers", "misc"}
 MOST_LINES, MOST_OF_A_FUNCTION = 300, 40
-# What is longer today. These lists only shrink.
-LONG_FILES = {
-    "data/layout.py",
-    "stages/inspect.py",
-    "store/store.py",
-}
-LONG_FUNCTIONS = {
-    "cli/jobs.py: job_of",
-    "data/layout.py: create_columns",
-    "models/encoder/training.py: train_encoder",
-    "models/fit.py: fit",
+LONG_FUNCTIONS = {  # what is longer today; this list only shrinks
     "pictures/projection.py: project_2d",
     "planners/tree/actions.py: propose",
-    "stages/plan.py: _draw",
-    "stages/plan.py: _plan",
-    "store/store.py: begin",
 }
 
 
@@ -98,8 +85,7 @@ def name_of(path: Path) -> str:
 
 
 def test_files_stay_short() -> None:
-    long = {name_of(p) for p in FILES if len(p.read_text().splitlines()) > MOST_LINES}
-    assert long == LONG_FILES, "split what is new; take off the list what is short by now"
+    assert not {name_of(p) for p in FILES if len(p.read_text().splitlines()) > MOST_LINES}
 
 
 def test_functions_stay_short() -> None:
