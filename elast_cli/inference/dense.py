@@ -45,9 +45,8 @@ class DenseNetwork:
         """The tensors of one network, `nets.mlp`, or of an ensemble, layers in their order."""
         layers: list[tuple[Float32, Float32]] = []
         for name, weight in arrays.items():
-            layer, _, which = name.rpartition(".")
-            if which == "weight":
-                bias = arrays[f"{layer}.bias"]
+            if name.endswith("weight"):
+                bias = arrays[name.removesuffix("weight") + "bias"]
                 single = weight.ndim == 2
                 layers.append((weight.T[None], bias[None]) if single else (weight, bias[:, 0]))
         return cls(layers, device)

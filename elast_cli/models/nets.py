@@ -93,7 +93,7 @@ class PooledImages(nn.Module):
 
     def fit_normalization(self, features: Tensor) -> None:
         """Set the mean image, the global scale and colours from preprocessed frames [N,3,S,S]."""
-        change = features.float()
+        change = features.to(torch.float32, copy=True)
         self.mean.copy_(change.mean(0))
         change -= self.mean  # in place: a sample of frames may be a gigabyte
         self.scale.copy_(change.square().mean().sqrt().clamp_min(1e-3))

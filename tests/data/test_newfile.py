@@ -13,7 +13,7 @@ import pytest
 from elast_cli.data.dataset import Dataset
 from elast_cli.data.newfile import NewFile
 from elast_cli.data.shards import compact
-from tests.data.test_dataset import episode, write_cut
+from tests.toys.episode_files import episode, write_cut
 
 LIMITED = """
 import resource, sys

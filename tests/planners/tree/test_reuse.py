@@ -13,7 +13,7 @@ from elast_cli.planners.grid import NONE
 from elast_cli.planners.tree import reuse
 from elast_cli.planners.tree.forest import plant
 from elast_cli.planners.tree.reuse import Memory
-from elast_cli.planners.tree.search import ElastPlanner, Search
+from elast_cli.planners.tree.search import ROOT_EXPANSIONS, ElastPlanner, Search
 from elast_cli.shapes import Bool, Float32, Int64
 from tests.toys.box import Box, only, problems
 from tests.toys.trees import LIMITS, RADII, assert_sound, grown, tree_config, worlds
@@ -319,7 +319,9 @@ def test_a_replanned_search_spends_little_where_the_old_tree_reaches_the_goal() 
     away.goal[2] = 9  # nowhere near any node
     away.start[3] += 5  # nor is this start
     search = grown(away, **budget)
-    assert spent(search).tolist() == [130, 1500, 1500, 1500]
+    *others, lost = spent(search).tolist()
+    assert others == [130, 1500, 1500]
+    assert ROOT_EXPANSIONS <= lost < 1500  # a tree that cannot leave its root stops
     assert search.best_plan().reached[0]
     assert search.forest.size[2] > len(plan.memory[2].depth) / 2  # type: ignore[attr-defined]
 
