@@ -20,16 +20,7 @@ from elast_cli.data.dataset import Dataset, Episode
 from elast_cli.data.layout import column_digests
 from elast_cli.data.shards import compact, write_shard
 from elast_cli.errors import DataError
-from tests.toys.episode_files import episode, write_all, write_cut
-
-STEPS = (5, 70, 1, 12)
-
-
-def flat(index: int, steps: int) -> Episode:
-    """An episode whose frames gzip can shorten."""
-    frames = np.full((steps + 1, 64, 64, 3), index, np.uint8)
-    frames[:, 5, 5, 0] = np.arange(steps + 1)
-    return replace(episode(index, steps), pixels=frames)
+from tests.toys.episode_files import STEPS, episode, flat, write_all, write_cut
 
 
 def stored(path: Path, row: int) -> bytes:

@@ -16,7 +16,7 @@ from elast_cli.data.images import BLOCK, Images, blocks
 from elast_cli.data.shards import compact
 from elast_cli.errors import DataError
 from elast_cli.shapes import Int64
-from tests.data.test_dataset import STEPS, episode, flat, write_all, write_cut
+from tests.toys.episode_files import STEPS, episode, flat, write_all, write_cut
 
 
 @pytest.fixture

@@ -9,6 +9,8 @@ import numpy as np
 from elast_cli.data.dataset import Episode
 from elast_cli.data.shards import shard_path, write_shard
 
+STEPS = (5, 70, 1, 12)
+
 
 def episode(index: int, steps: int, *, context: bool = False) -> Episode:
     rng = np.random.default_rng(index)
@@ -34,3 +36,10 @@ def write_cut(folder: Path, parts: list[list[Episode]]) -> list[Path]:
         write_shard(path, part, first_row=row)
         row += sum(len(one.pixels) for one in part)
     return paths
+
+
+def flat(index: int, steps: int) -> Episode:
+    """An episode whose frames gzip can shorten."""
+    frames = np.full((steps + 1, 64, 64, 3), index, np.uint8)
+    frames[:, 5, 5, 0] = np.arange(steps + 1)
+    return replace(episode(index, steps), pixels=frames)
