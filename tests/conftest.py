@@ -10,8 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from tests.toys.tables import kept_tables
+
+# The same examples in every run, so that a red test is red again. HYPOTHESIS_PROFILE=search looks
+# for new ones, and prints a seed to keep as an @example.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
 @pytest.fixture
