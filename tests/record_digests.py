@@ -219,7 +219,7 @@ def environment(home: Home) -> dict[str, Any]:
     used = home.run("-c", "import elast_cli; print(elast_cli.__file__)").strip()
     if not Path(used).is_relative_to(home.source):
         raise SystemExit(f"{used} is imported, not {home.source}")
-    packages = ("h5py", "numba", "numpy", "pymunk", "scikit-learn", "scipy", "torch")
+    packages = ("h5py", "numba", "numpy", "pymunk", "scipy", "torch")
     simd = np.show_config(mode="dicts")["SIMD Extensions"]
     return {
         "python": platform.python_version(),

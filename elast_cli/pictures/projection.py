@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.floating]
+Doubles = NDArray[np.float64]
 ProjectionName = Literal["isomap", "pca"]
 
 _NEIGHBOURS = (10, 16, 24)  # the smallest that joins the landmarks into one piece is taken
-_CHUNK = 4096  # rows projected at a time: bounds the memory at chunk x landmarks
+_CHUNK = 256  # rows projected at a time: chunk x landmarks numbers stay in the cache
 
 
 def project_2d(
@@ -22,7 +22,7 @@ def project_2d(
     fit: Floats | None = None,
     landmarks: int = 1000,
     seed: int = 0,
-) -> tuple[NDArray[np.float64], ProjectionName]:
+) -> tuple[Doubles, ProjectionName]:
     """Coordinates in the plane and the projection that made them.
 
     Isomap is fitted on `landmarks` rows drawn by `seed` and extended to the others. Where they fall
@@ -60,33 +60,65 @@ def project_2d(
     return _pca(chosen, rows), "pca"
 
 
-def _isomap(chosen: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Isomap of `rows` from the `chosen` landmarks [L, Z]; None if their graph is in pieces."""
-    from scipy.sparse.csgraph import connected_components
-    from sklearn.manifold import Isomap  # type: ignore[import-untyped]  # no stubs
-    from sklearn.neighbors import kneighbors_graph  # type: ignore[import-untyped]  # no stubs
+def _isomap(chosen: Doubles, rows: Doubles) -> Doubles | None:
+    """Isomap of `rows` from the `chosen` landmarks [L, Z]; None if their graph is in pieces.
 
+    Tenenbaum et al. (2000): multidimensional scaling of the distances along the graph of
+    neighbours. Other rows are placed by their distances through their own neighbours.
+    """
+    from scipy.spatial import KDTree
+
+    if chosen.shape[1] < 2:
+        return None
+    tree = KDTree(chosen)
     for neighbours in _NEIGHBOURS:
-        if len(chosen) <= neighbours + 1 or chosen.shape[1] < 2:
+        if len(chosen) <= neighbours + 1:
             return None
-        graph = kneighbors_graph(chosen, neighbours)
-        if connected_components(graph, directed=False)[0] > 1:
+        geodesic = _along_graph(*tree.query(chosen, neighbours + 1))
+        if np.isinf(geodesic).any():
             continue
-        # the dense solver has no random start vector
-        model = Isomap(n_neighbors=neighbours, n_components=2, eigen_solver="dense")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # sklearn's own use of scipy: none of our business
-            fitted = model.fit_transform(chosen)
-            chunks = [
-                model.transform(rows[start : start + _CHUNK])
-                for start in range(0, len(rows), _CHUNK)
-            ]
-        xy = np.concatenate(chunks) if chunks else np.empty((0, 2))
-        return _oriented(np.asarray(xy, dtype=np.float64), np.asarray(fitted, dtype=np.float64))
+        fitted, scaling = _scaled(geodesic)
+        xy = np.empty((len(rows), 2))
+        for start in range(0, len(rows), _CHUNK):
+            distance, near = tree.query(rows[start : start + _CHUNK], neighbours)
+            through = distance[:, 0, None] + geodesic[near[:, 0]]
+            for k in range(1, neighbours):
+                np.minimum(through, distance[:, k, None] + geodesic[near[:, k]], out=through)
+            xy[start : start + _CHUNK] = (through**2 - (geodesic**2).mean(axis=0)) @ scaling
+        return _oriented(xy, fitted)
     return None
 
 
-def _pca(chosen: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _along_graph(distance: Doubles, near: NDArray[np.intp]) -> Doubles:
+    """Distances [L, L] along edges between neighbours: lengths and indices [L, K] of each row's."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import shortest_path
+
+    count, each = near.shape
+    graph = csr_array(
+        (distance.ravel(), near.ravel(), np.arange(0, count * each + 1, each)), shape=(count, count)
+    )
+    geodesic: Doubles = shortest_path(graph, directed=False)
+    return geodesic
+
+
+def _scaled(geodesic: Doubles) -> tuple[Doubles, Doubles]:
+    """Classical scaling of distances [L, L]: places [L, 2], and what places another row [L, 2].
+
+    A row whose squared distances to the landmarks are d lies at (d - mean of theirs) @ scaling.
+    """
+    from scipy.linalg import eigh
+
+    squared = geodesic**2
+    mean = squared.mean(axis=0)
+    gram = -0.5 * (squared - mean - mean[:, None] + mean.mean())
+    last = len(gram) - 1
+    values, vectors = eigh(gram, subset_by_index=(last - 1, last))
+    values, vectors = np.maximum(values[::-1], 1e-12), vectors[:, ::-1]
+    return vectors * np.sqrt(values), -0.5 * vectors / np.sqrt(values)
+
+
+def _pca(chosen: Doubles, rows: Doubles) -> Doubles:
     """The first two principal components of `chosen`; a missing one is zero."""
     axes = np.zeros((2, rows.shape[1]))
     centre = chosen.mean(axis=0) if len(chosen) else np.zeros(rows.shape[1])
@@ -96,7 +128,7 @@ def _pca(chosen: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.f
     return _oriented((rows - centre) @ axes.T, (chosen - centre) @ axes.T)
 
 
-def _oriented(xy: NDArray[np.float64], fitted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _oriented(xy: Doubles, fitted: Doubles) -> Doubles:
     """`xy` with each axis turned so that the landmark farthest out lies on its positive side."""
     if not len(fitted):
         return xy

@@ -153,6 +153,21 @@ def read_manifest(folder: Path, ref: Ref) -> tuple[Manifest, str]:
     Raises:
         DataError: damaged, unsafe, written by a newer elast, or not of `ref`.
     """
+    content, digest = _intact(folder, ref)
+    return _checked(content, ref), digest
+
+
+def holds(folder: Path, ref: Ref, text: str) -> bool:
+    """Whether a manifest holds some text: quick to tell, since nothing is parsed.
+
+    Raises:
+        DataError: damaged, or not of a published artifact.
+    """
+    return text.encode() in _intact(folder, ref)[0]
+
+
+def _intact(folder: Path, ref: Ref) -> tuple[bytes, str]:
+    """A manifest's bytes and their digest, which is the recorded one."""
     try:
         if folder.is_symlink():
             raise DataError(f"{ref}: its folder is a symbolic link; copy the artifact instead")
@@ -165,7 +180,7 @@ def read_manifest(folder: Path, ref: Ref) -> tuple[Manifest, str]:
     digest = hashlib.sha256(content).hexdigest()
     if recorded != f"{digest}  {MANIFEST}\n".encode():
         raise DataError(f"{ref}: {MANIFEST} does not match {MANIFEST_DIGEST}; it was changed")
-    return _checked(content, ref), digest
+    return content, digest
 
 
 @functools.lru_cache(maxsize=256)

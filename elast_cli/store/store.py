@@ -37,6 +37,7 @@ from elast_cli.store.manifest import (
     Parent,
     Recipe,
     Ref,
+    holds,
     measure,
     read_manifest,
     refuse_link,
@@ -126,18 +127,22 @@ class Store:
     def find(self, recipe: Recipe) -> Ref | None:
         """The highest version made by this very recipe, if there is one."""
         return self.latest(
-            recipe.env, recipe.kind, where=lambda found: found.recipe_digest == recipe.digest
+            recipe.env,
+            recipe.kind,
+            where=lambda found: found.recipe_digest == recipe.digest,
+            holding=recipe.digest,
         )
 
-    def latest(self, env: str, kind: str, *, where: Callable[[Manifest], bool]) -> Ref | None:
-        """The highest version whose manifest verifies and fits `where`."""
+    def latest(
+        self, env: str, kind: str, *, where: Callable[[Manifest], bool], holding: str = ""
+    ) -> Ref | None:
+        """The highest version whose manifest verifies, holds some text and fits `where`."""
         for ref in reversed(self.refs(env, kind)):
             try:
-                manifest = self.manifest(ref)
+                if holds(self.path(ref), ref, holding) and where(self.manifest(ref)):
+                    return ref
             except DataError:
                 continue  # `verify` and `ls` report it; a damaged artifact is never chosen
-            if where(manifest):
-                return ref
         return None
 
     @contextmanager

@@ -169,5 +169,5 @@ for name in preset.names():
         presets.load(name, env, ["encoder.fit.steps=3", "cem.topk=3", "planner.expansions=7"])
 """
     found = loaded_by(code)
-    assert not {"torch", "numba", "sklearn"} & found
+    assert not {"torch", "numba", "scipy"} & found
     assert {f"elast_cli.models.{kind}.config" for kind in OURS} <= found
