@@ -35,6 +35,7 @@ METHOD_COLOURS = {
     "random": "#999999",
 }
 _OTHER = "#4D4D4D"
+_GAP, _LABEL, _EDGE = 0.08, 0.24, 0.02  # beside, under and round a frame, in its widths
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9,
@@ -73,19 +74,34 @@ def frame_grid(
     colours: Sequence[str],
     columns: int,
 ) -> None:
-    """Frames in rows of `columns`, each with a border and a label under it."""
+    """Frames in rows of `columns`, each with a border and a label under it.
+
+    All in one panel, since panels are what drawing takes long over.
+    """
+    from matplotlib.patches import Rectangle
+
     rows = -(-len(images) // columns)
-    grid = place.subgridspec(rows, columns, wspace=0.08, hspace=0.0)
+    across, down = 1 + _GAP, 1 + _LABEL  # in widths of a frame
+    panel = figure.add_subplot(place)
     for at, (image, label, colour) in enumerate(zip(images, labels, colours, strict=True)):
-        cell = figure.add_subplot(grid[at // columns, at % columns])
-        cell.imshow(image, interpolation="nearest")
-        cell.set_xticks([])
-        cell.set_yticks([])
+        x, y = at % columns * across, at // columns * down
+        panel.imshow(image, interpolation="nearest", extent=(x, x + 1, y + 1, y))
         plain = colour == FAINT
-        cell.spines[:].set(color=colour, linewidth=0.8 if plain else 2.2)
-        weight = "normal" if plain else "bold"
-        shade = MUTED if plain else colour
-        cell.set_xlabel(label, fontsize=8, color=shade, fontweight=weight, labelpad=3)
+        line = 0.8 if plain else 2.2
+        panel.add_patch(Rectangle((x, y), 1, 1, fill=False, color=colour, linewidth=line))
+        panel.annotate(
+            label,
+            (x + 0.5, y + 1),
+            xytext=(0, -4),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=8,
+            color=MUTED if plain else colour,
+            fontweight="normal" if plain else "bold",
+        )
+    panel.set(xlim=(-_EDGE, columns * across - _GAP + _EDGE), ylim=(rows * down, -_EDGE))
+    panel.axis("off")
 
 
 @contextmanager
