@@ -42,7 +42,8 @@ def load_model(folder: Path, kind: str) -> nn.Module:
         for name, tensor in module.state_dict().items()
     }
     arrays = read_tensors(folder, wanted)
-    weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    # torch's own memory is aligned: where a matrix begins tells in the last bit of its products
+    weights = {name: torch.from_numpy(array).clone() for name, array in arrays.items()}
     module.load_state_dict(weights, assign=True)
     for parameter in module.parameters():
         parameter.requires_grad_(False)

@@ -46,6 +46,12 @@ def test_a_model_comes_back_the_same(tmp_path: Path, kind: str, architecture: st
         assert state[name].device.type == "cpu"
 
 
+def test_weights_lie_in_aligned_memory(saved: Path) -> None:
+    """Where a matrix begins tells in the last bit of its products, and so in what is trained."""
+    for tensor in load_model(saved, "policy").state_dict().values():
+        assert tensor.data_ptr() % 64 == 0
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_weights_are_the_same_bytes(tmp_path: Path, kind: str) -> None:
     folders = [tmp_path / name for name in "ab"]
