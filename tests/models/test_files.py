@@ -48,7 +48,7 @@ def test_a_model_comes_back_the_same(tmp_path: Path, kind: str, architecture: st
 
 def test_weights_lie_in_aligned_memory(saved: Path) -> None:
     """Where a matrix begins tells in the last bit of its products, and so in what is trained."""
-    for tensor in load_model(saved, "policy").state_dict().values():
+    for tensor in load_model(saved, "density").state_dict().values():
         assert tensor.data_ptr() % 64 == 0
 
 
@@ -264,7 +264,7 @@ def test_larger_sizes_than_the_weights_cost_no_memory(saved: Path) -> None:
 
 def test_a_model_of_another_kind_is_refused(saved: Path) -> None:
     with pytest.raises(DataError, match="context_share: unknown key"):
-        load_model(saved, "policy")
+        load_model(saved, "density")
 
 
 def test_a_missing_spec_is_a_missing_input(saved: Path) -> None:
