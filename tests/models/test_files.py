@@ -264,7 +264,7 @@ def test_larger_sizes_than_the_weights_cost_no_memory(saved: Path) -> None:
 
 def test_a_model_of_another_kind_is_refused(saved: Path) -> None:
     with pytest.raises(DataError, match="context_share: unknown key"):
-        load_model(saved, "density")
+        load_model(saved, "policy")
 
 
 def test_a_missing_spec_is_a_missing_input(saved: Path) -> None:
