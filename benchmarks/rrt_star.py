@@ -74,9 +74,10 @@ class Plane:
         following = (z + np.float32(RANGE) * action / length).astype(np.float32)
         return following, np.zeros(len(z), np.float32)
 
-    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
-        """The same."""
-        return self.step(z, action, np.full(len(z), row))[0]
+    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
+        """Those of a motion inside the unit disc."""
+        one = np.eye(2, dtype=np.float32)
+        return np.repeat(np.concatenate([one, np.float32(RANGE) * one], 1)[None], len(z), axis=0)
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """The place itself."""

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from elast_cli.inference.dense import DenseNetwork
+from elast_cli.inference.slopes import MeanSlopes
 from elast_cli.models.stored import Stored
 from elast_cli.models.tensors import Arrays, under
 from elast_cli.planners import grid
@@ -141,6 +142,7 @@ class LatentWorld:
         self._scale = Scale(under(ensemble.arrays, "ensemble.scale"))
         self._ensemble = DenseNetwork.of(under(ensemble.arrays, "ensemble.layers"), device)
         self._single = DenseNetwork.of(forward_model, device) if forward_model else None
+        self._slopes = MeanSlopes((self._single or self._ensemble).layers)
         self._policy = PolicyCall(policy, device)
         self._first = DenseNetwork([_first_layer(density)], device)
         self._rest = DenseNetwork.of(under(density.arrays, "rest.1"), device)
@@ -168,18 +170,17 @@ class LatentWorld:
         steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
 
-    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
-        """Next latent [M,Z] of H_f (or of h_f) in scenario `row`, by library products."""
-        if self._single is not None:
-            return self.step(z, action, np.full(len(z), row))[0]
+    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
+        """How the next latent of H_f (or of h_f) moves with latent and action [M,Z,Z+A]."""
         context = np.repeat(self.context[row : row + 1], len(z), axis=0)
-        scale = self._scale
-        y = _inputs(z, scale.mean, scale.std, action, context)
-        for i, (weight, bias) in enumerate(self._ensemble.layers):
-            y = np.matmul(np.maximum(y, 0, out=y) if i else y, weight)
-            y += bias[:, None]
-        following: Float32 = z + y.mean(0) * scale.step
-        return following
+        inputs = self.latent_size + self.action_size
+        mean, std, step = self._scale.mean, self._scale.std, self._scale.step
+        if self._single is not None:  # on latents as they are
+            mean, std, step = np.zeros_like(mean), np.ones_like(std), np.ones_like(step)
+        found = self._slopes(_inputs(z, mean, std, action, context), inputs) * step[:, None]
+        found[:, :, : self.latent_size] /= std
+        found[:, :, : self.latent_size] += np.eye(self.latent_size, dtype=np.float32)
+        return found
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """A node's two parts of ψ's first layer and its scaled latent [M,E]."""

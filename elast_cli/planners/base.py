@@ -125,8 +125,8 @@ class World(Protocol):
         """Next latent [M,Z] of H_f and its variance [M]."""
         ...
 
-    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
-        """Next latent [M,Z] in scenario `row` of H_f: cheap, and good for slopes.
+    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
+        """How the next latent of H_f moves with latent and action in scenario `row`: [M,Z,Z+A].
 
         Items of one call may share bits of rounding; equal calls give equal results.
         """

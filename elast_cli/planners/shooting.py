@@ -5,14 +5,14 @@ given state. The last gap is a least squares problem of few equations and many u
 actions are to change by, so that the end of the path moves onto the goal. Gauss-Newton solves it,
 with H_f rolled out from the start and Levenberg-Marquardt damping against what is not linear.
 
-Slopes are differences of H_f by library products, path by path. H_f itself checks each change.
+Slopes are exact, path by path. H_f itself checks each change.
 Many paths are refined side by side, since small batches use a processor badly; none depends on
 another.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,14 +20,11 @@ import numpy as np
 from elast_cli.planners.base import World
 from elast_cli.shapes import Float32, Float64, Int64
 
-Step = Callable[[Float32, Float32], Float32]  # z [M,Z], a [M,A] -> z' [M,Z]
-
-DIFFERENCE = 0.1  # of a length unit, and of an action: H_f's kinks and errors are smaller
 DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the former do not help
 FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
 ROUNDS = 3  # in which actions at their bounds are found
 CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more
-LEAST_GAIN = 1e-3  # share of the squared gap below which another iteration is not worth it
+LEAST_GAIN = 0.03  # share of the squared gap below which another iteration is not worth it
 
 
 @dataclass(frozen=True)
@@ -106,8 +103,10 @@ def refined(world: World, paths: Sequence[Shot], *, unit: float, iterations: int
             break
         slopes = {}
         for p in at:
-            slopes[p] = _slope(world, found[p], unit) / unit
-            found[p] = _asked(world, found[p], found[p].states.shape[1] + world.action_size)
+            slopes[p] = _slope(world, found[p]) / unit
+            found[p] = _asked(
+                world, found[p], 1 + found[p].states.shape[1]
+            )  # there, and Z times back
         left = at
         for factors in DAMPINGS:
             left = _try(world, found, left, slopes, factors, unit) if left else left
@@ -120,13 +119,10 @@ def _finished(path: Shot, unit: float) -> bool:
     return path.done or not len(path.actions) or path.gap <= CLOSE * unit
 
 
-def _slope(world: World, path: Shot, unit: float) -> Float64:
+def _slope(world: World, path: Shot) -> Float64:
     """How the end of a path moves with its actions [Z,T·A]."""
-
-    def step(z: Float32, action: Float32) -> Float32:
-        return world.sketch(z, action, path.row)
-
-    return end_slope(step, path, unit)
+    z = path.states[:-1]
+    return end_slope(world.slopes(z, path.actions, path.row), z.shape[1])
 
 
 def _try(
@@ -176,27 +172,14 @@ def _changed(path: Shot, slope: Float64, damping: float, unit: float) -> Float32
     return _moved(path.actions, slope, wanted, damping).astype(np.float32)
 
 
-def end_slope(step: Step, path: Shot, unit: float) -> Float64:
-    """How the end of a path moves with its actions [Z,T·A], by differences of H_f.
-
-    Actions are changed towards zero, which never leaves the box.
-    """
-    z, a = path.states[:-1], path.actions
-    length, latents = z.shape
-    inputs = np.concatenate([z, a], 1)
-    by = np.full(inputs.shape, DIFFERENCE, np.float32)
-    by[:, :latents] *= np.float32(unit)
-    by[:, latents:] *= np.where(a > 0, np.float32(-1), np.float32(1))
-    moved = inputs[:, None] + by[:, None] * np.eye(inputs.shape[1], dtype=np.float32)
-    flat = np.ascontiguousarray(moved.reshape(-1, inputs.shape[1]), dtype=np.float32)
-    ends = step(np.ascontiguousarray(flat[:, :latents]), np.ascontiguousarray(flat[:, latents:]))
-    change = ends.astype(np.float64).reshape(length, -1, latents) - path.states[1:, None]
-    slopes = (change / by[..., None].astype(np.float64)).transpose(0, 2, 1)  # [T,Z,Z+A]
-    out = np.empty((latents, length, a.shape[1]))
+def end_slope(slopes: Float32, latents: int) -> Float64:
+    """How the end of a path moves with its actions [Z,T·A], from slopes of each step [T,Z,Z+A]."""
+    out = np.empty((latents, len(slopes), slopes.shape[2] - latents))
     after = np.eye(latents)
-    for t in range(length - 1, -1, -1):
-        out[:, t] = after @ slopes[t, :, latents:]
-        after = after @ slopes[t, :, :latents]
+    for t in range(len(slopes) - 1, -1, -1):
+        step = slopes[t].astype(np.float64)
+        out[:, t] = after @ step[:, latents:]
+        after = after @ step[:, :latents]
     return out.reshape(latents, -1)
 
 

@@ -37,7 +37,7 @@ from elast_cli.store.run import Run
 if TYPE_CHECKING:
     from elast_cli.control.episodes import Trace
 
-ALGORITHM_VERSION = 11
+ALGORITHM_VERSION = 12
 
 
 def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:

@@ -219,3 +219,19 @@ def test_the_rollout_is_the_forward_model_step_by_step(parts: dict[str, Any]) ->
         z = forward(z, actions[:, t], contexts)
         torch.testing.assert_close(path[:, t], z)
     assert start.equal(torch.from_numpy(Z[0]))
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_slopes_are_what_small_changes_do(parts: dict[str, Any], single: bool) -> None:
+    world = world_of(parts, parts["encoder"].dynamics if single else None)
+    row = int(ROW[0])
+    slopes = world.slopes(Z, ACTIONS, row)
+    assert slopes.shape == (ROWS, LATENT, LATENT + ACTION)
+    rng = np.random.default_rng(5)
+    by_z = 1e-3 * rng.standard_normal(Z.shape, dtype=np.float32)
+    by_a = 1e-3 * rng.standard_normal(ACTIONS.shape, dtype=np.float32)
+    rows = np.full(ROWS, row)
+    moved = world.step(Z + by_z, ACTIONS + by_a, rows)[0] - world.step(Z, ACTIONS, rows)[0]
+    expected = np.einsum("mzi,mi->mz", slopes, np.concatenate([by_z, by_a], 1))
+    near = np.linalg.norm(moved - expected, axis=1) < 0.02 * np.linalg.norm(moved, axis=1)
+    assert near.mean() > 0.9  # the others step over a kink

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +14,20 @@ REACH = 0.15  # of one step along each axis
 DOOR = 0.15  # half the width of the door in the wall
 WIND = 0.03  # how far a context of 1 moves the point up in every step
 IMPOSSIBLE = -100.0
+
+
+def slopes_of(move: Callable[[Float32, Float32], Float32], z: Float32, a: Float32) -> Float32:
+    """How the ends of moves [M,Z] change with z [M,Z] and a [M,A], by differences: [M,Z,Z+A]."""
+    joint, size = np.concatenate([z, a], axis=1), z.shape[1]
+    out = np.empty((len(z), size, joint.shape[1]), np.float32)
+    for i in range(joint.shape[1]):
+        by = np.zeros(joint.shape[1], np.float32)
+        by[i] = 1e-2
+        up, down = joint + by, joint - by
+        out[:, :, i] = (
+            move(up[:, :size], up[:, size:]) - move(down[:, :size], down[:, size:])
+        ) / 0.02
+    return out
 
 
 @dataclass
@@ -45,9 +60,8 @@ class Box:
         z_next = z + np.float32(REACH) * action + self.drift(self.context[row, 0])
         return z_next, (np.abs(z_next[:, 0]) - 1).clip(0).astype(np.float32)
 
-    def sketch(self, z: Float32, action: Float32, row: int) -> Float32:
-        """The same for one scenario."""
-        return self.step(z, action, np.full(len(z), row))[0]
+    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
+        return slopes_of(lambda z, a: self.step(z, a, np.full(len(z), row))[0], z, action)
 
     def features(self, z: Float32, row: Int64) -> Float32:
         return np.concatenate([z, self.context[row]], axis=1)
