@@ -12,6 +12,8 @@ from typing import Any, Protocol
 
 from elast_cli.progress import Advance, Progress
 
+# A worker starts in the working directory: it must not take `random.py` there for a library.
+os.environ["PYTHONSAFEPATH"] = "1"
 SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
 
 
@@ -80,13 +82,15 @@ def relayed(progress: Progress, *, wanted: bool = True) -> Iterator[Progress]:
 
 
 def _listen(queue: _Queue, progress: Progress) -> None:
-    """Show what workers send until the end is sent."""
+    """Show what workers send until the end is sent; what several of them say, once."""
     open_tasks: dict[Any, tuple[ExitStack, Advance]] = {}
+    said = set()
     while True:
         what, key, value = queue.get()
         if what == "end":
             break
-        if what == "note":
+        if what == "note" and value not in said:
+            said.add(value)
             progress.note(value)
         elif what == "open":
             stack = ExitStack()

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.models.tensors import Arrays
 from elast_cli.shapes import Float32
 
@@ -100,7 +100,7 @@ def _pack(weight: Float32, bias: Float32) -> tuple[Float32, Float32]:
     return np.ascontiguousarray(panels), b
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
 def _narrow(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
     """Out [M,out] as dot products of x [M,in] and weight [out,in]."""
     for i in range(x.shape[0]):
@@ -111,7 +111,7 @@ def _narrow(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
             out[i, j] = total + bias[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _wide(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
     """Out [M,P·PANEL] from x [M,in] and weight [P,in,PANEL]; M is a multiple of ROWS, in of four.
 
@@ -148,7 +148,7 @@ def _wide(x: Float32, weight: Float32, bias: Float32, out: Float32) -> None:
                     out[i + row, first + j] = sums[row, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _layer(x: Float32, weight: Float32, bias: Float32) -> Float32:
     out = np.empty((x.shape[0], bias.shape[0]), np.float32)
     if bias.shape[0] < NARROW:
@@ -158,7 +158,7 @@ def _layer(x: Float32, weight: Float32, bias: Float32) -> Float32:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _forward(
     x: Float32, weights: tuple[Float32, ...], biases: tuple[Float32, ...], out: Float32
 ) -> None:

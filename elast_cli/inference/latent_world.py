@@ -8,8 +8,8 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.inference.dense import DenseNetwork
 from elast_cli.inference.slopes import MeanSlopes
 from elast_cli.models.stored import Stored
@@ -20,7 +20,7 @@ from elast_cli.planners.neighbors import any_within
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _pair_hidden(
     features: Float32, source: Int64, target: Int64, width: int
 ) -> tuple[Float32, Float32]:
@@ -40,7 +40,7 @@ def _pair_hidden(
     return hidden, gap
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _inputs(z: Float32, mean: Float32, std: Float32, beside: Float32, context: Float32) -> Float32:
     """Network inputs [M,Z+X+C]: standardised latents [M,Z], others [M,X], contexts [M,C]."""
     latents, others = z.shape[1], beside.shape[1]
@@ -55,7 +55,7 @@ def _inputs(z: Float32, mean: Float32, std: Float32, beside: Float32, context: F
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _scaled(z: Float32, z_next: Float32, scale: Float32) -> Float32:
     """Steps from z to z' [M,Z] in units of `scale` [Z]."""
     out = np.empty_like(z)
@@ -65,7 +65,7 @@ def _scaled(z: Float32, z_next: Float32, scale: Float32) -> Float32:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float32]:
     """Mean next latent [M,Z] and variance [M] over members' steps [E,M,Z] in units of `scale`."""
     members = np.float32(steps.shape[0])
@@ -85,7 +85,7 @@ def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float
     return following, variance
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _tanh(x: Float32) -> Float32:
     """Element by element: numpy's vectors and their ends need not agree in the last bit."""
     out = np.empty_like(x)

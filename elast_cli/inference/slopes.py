@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.shapes import Bool, Float32, Int64
 
 
@@ -43,7 +43,7 @@ class MeanSlopes:
         return total / np.float32(members)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
 def _pulled_back(slopes: Float32, weight: Float32, above: Bool, below: Bool) -> Float32:
     """Slopes [M,Z,in] by a layer's active inputs, from those [M,Z,out] by its outputs.
 
@@ -74,7 +74,7 @@ def _pulled_back(slopes: Float32, weight: Float32, above: Bool, below: Bool) -> 
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _pick(weight: Float32, outputs: Int64, inputs: Int64, picked: Float32) -> None:
     """Fill `picked` [4,in] with the weights from some inputs to four outputs; zeros if fewer."""
     for k in range(4):

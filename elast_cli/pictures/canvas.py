@@ -6,6 +6,7 @@ The same data give the same bytes. Colours are colour-blind safe, one per method
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -110,7 +111,8 @@ def figure_png(path: Path, width: float, height: float) -> Iterator[Figure]:
 
     The user's own matplotlib settings are left out, and so are time and version stamps.
     """
-    from matplotlib import style
+    with _no_backend():
+        from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -119,3 +121,14 @@ def figure_png(path: Path, width: float, height: float) -> Iterator[Figure]:
         FigureCanvasAgg(figure)
         yield figure
         figure.savefig(path, format="png", metadata={"Software": None})
+
+
+@contextmanager
+def _no_backend() -> Iterator[None]:
+    """MPLBACKEND hidden: a notebook sets it to a module that need not be there."""
+    kept = os.environ.pop("MPLBACKEND", None)
+    try:
+        yield
+    finally:
+        if kept is not None:
+            os.environ["MPLBACKEND"] = kept

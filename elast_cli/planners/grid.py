@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.shapes import Float32, Float64, Int32, Int64
 
 NONE = -1  # no such block or node
@@ -71,20 +71,20 @@ def principal_axes(points: Float32) -> Float64:
     return np.ascontiguousarray(vectors[:, ::-1][:, :AXES])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def cell_key(x: int, y: int) -> int:
     """One number for the cell in column x and row y."""
     return (x << 32) ^ (y & 0xFFFFFFFF)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def bucket_of(key: int, buckets: int) -> int:
     """The bucket of a cell in a hash table of a power of two."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return int((mixed >> np.uint64(32)) & np.uint64(buckets - 1))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def project(point: Float32, axes: Float64) -> tuple[float, float]:
     """Coordinates of a point [Z] along both axes [Z,2]."""
     x, y = 0.0, 0.0
@@ -94,7 +94,7 @@ def project(point: Float32, axes: Float64) -> tuple[float, float]:
     return x, y
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _open_block(cells: Cells, b: int, key: int) -> int:
     """A block of the cell with room in it; only the latest block of a cell may have any."""
     bucket = bucket_of(key, cells.head.shape[1])
@@ -113,7 +113,7 @@ def _open_block(cells: Cells, b: int, key: int) -> int:
     return new
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add(cells: Cells, points: Float32, first: Int64, last: Int64) -> None:
     """Sort points [B,N,Z] with indices from first[b] up to last[b] into their cells."""
     side = cells.side[0]

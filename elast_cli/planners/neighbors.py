@@ -7,15 +7,15 @@ support made the former take twice as long.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.grid import BLOCK, NONE, Cells, bucket_of, cell_key, project
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 SLACK = 1e-5  # of a radius: float32 distances may round down to within it
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _measure(at: Float32, b: int, block: int, query: Float32, out: Float32) -> None:
     """Squared distances [16] of a block's points to `query` [Z]; of all its places, used or not."""
     lanes = at.shape[3]
@@ -28,7 +28,7 @@ def _measure(at: Float32, b: int, block: int, query: Float32, out: Float32) -> N
             out[i] += step * step
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _reach(cells: Cells, query: Float32, radius: float) -> tuple[int, int, int, int]:
     """First and last cells along both axes that hold points within `radius` of `query` [Z]."""
     side, reach = cells.side[0], radius * (1 + SLACK)
@@ -41,7 +41,7 @@ def _reach(cells: Cells, query: Float32, radius: float) -> tuple[int, int, int, 
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _within(
     cells: Cells,
     b: int,
@@ -71,7 +71,7 @@ def _within(
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _any_in_cell(
     cells: Cells, b: int, key: int, query: Float32, limit: float, scratch: Float32
 ) -> bool:
@@ -86,7 +86,7 @@ def _any_in_cell(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _is_copy(
     cells: Cells,
     b: int,
@@ -113,7 +113,7 @@ def _is_copy(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def find_pairs(
     cells: Cells,
     rows: Int64,
@@ -155,7 +155,7 @@ def find_pairs(
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def drop_copies(
     cells: Cells,
     rows: Int64,
@@ -178,7 +178,7 @@ def drop_copies(
                 wanted[r, k] = not _is_copy(cells, b, queries[r, k], radius, cost, most, scratch)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def any_within(cells: Cells, queries: Float32, radius: float) -> Bool:
     """Whether any point of the first row lies within `radius` of each query [M,Z]: [M].
 

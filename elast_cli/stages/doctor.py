@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from elast_cli.compiled import MADE, PLACE, VARIABLE
 from elast_cli.engine.local import usable_cores
 from elast_cli.errors import UnavailableError
 
@@ -45,7 +46,16 @@ class Check(NamedTuple):
 
 def checks() -> list[Check]:
     """Every finding, what matters most first."""
-    return [_python(), *_packages(), *_processor(), _gpu(), *_renderers(), _store(), _disk()]
+    return [
+        _python(),
+        *_packages(),
+        *_processor(),
+        _compiled(),
+        _gpu(),
+        *_renderers(),
+        _store(),
+        _disk(),
+    ]
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -70,12 +80,12 @@ def refuse_failed(found: Sequence[Check]) -> None:
 
 
 def _python() -> Check:
-    fits = sys.version_info >= (3, 11)
+    fits = (3, 11) <= sys.version_info < (3, 14)
     return Check(
         "python",
         "ok" if fits else "fail",
         f"{platform.python_version()} on {platform.platform()}",
-        "" if fits else "install Python 3.11 or newer",
+        "" if fits else "install Python 3.11, 3.12 or 3.13",
     )
 
 
@@ -115,6 +125,14 @@ def _processor() -> list[Check]:
         Check("cores", "ok", f"{cores} usable of {os.cpu_count()}"),
         Check("threads", "ok", f"--threads 1 a process; OMP_NUM_THREADS {threads}"),
     ]
+
+
+def _compiled() -> Check:
+    """Where machine code is kept."""
+    if PLACE and os.environ.get(MADE) != PLACE:
+        return Check("compiled code", "ok", f"kept in {PLACE}")
+    found = "kept for one run only: neither the package nor ~/.cache can be written to"
+    return Check("compiled code", "warn", found, f"export {VARIABLE}=FOLDER")
 
 
 def _gpu() -> Check:

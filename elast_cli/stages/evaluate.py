@@ -147,6 +147,7 @@ def _chunks(
 
 def _run_chunk(chunk: _Chunk) -> None:
     """Run and write a few episodes; an episode is the same whoever it runs beside."""
+    from elast_cli.compiled import Compiling
     from elast_cli.control.episodes import run_episodes
     from elast_cli.methods.loading import controller
 
@@ -155,7 +156,10 @@ def _run_chunk(chunk: _Chunk) -> None:
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
     rows = len(envs)
-    with job.progress.task(chunk.method, rows * max_steps) as advance:
+    with (
+        job.progress.task(chunk.method, rows * max_steps) as advance,
+        Compiling(job.progress.note),
+    ):
         traces = run_episodes(
             controller(
                 chunk.method,

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from elast_cli.models.part import Reconstructions
 
 ALGORITHM_VERSION = 1
+LEAST_TRANSITIONS = 200  # a tenth is held out; a map of the support takes 100
 RECONSTRUCTIONS_FILE = "reconstructions.png"
 
 
@@ -69,6 +70,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     limit_threads(job.threads)
     verify_files(job.store, inputs)
     dataset = Dataset.load(job.store.file(inputs[DATASET], DATASET_FILE))
+    _check_size(job, inputs[DATASET], dataset)
     _check_contexts(job, inputs[DATASET], dataset)
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
@@ -100,6 +102,17 @@ def _draw(shown: Reconstructions, path: Path) -> None:
     from elast_cli.pictures.film import reconstruction_strip
 
     reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
+
+
+def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:
+    """Raise DataError if there is too little to train on and to hold out."""
+    transitions = int((dataset.ep_len - 1).sum())
+    if transitions < LEAST_TRANSITIONS or dataset.episodes < 2:
+        raise DataError(
+            f"{ref}: {transitions} transitions in {dataset.episodes} episodes are too few: "
+            f"training takes at least {LEAST_TRANSITIONS}, in 2 episodes or more; "
+            f"run: elast collect {job.flags()} --n {max(LEAST_TRANSITIONS, 2 * transitions)}"
+        )
 
 
 def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:

@@ -252,8 +252,10 @@ def _git_state(root: Path) -> JsonDict:
 
     def git(*words: str) -> str:
         command = ["git", "-C", str(root), *words]
+        # a git hook sets GIT_DIR and others, which name another repository
+        ours = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
         return subprocess.run(
-            command, capture_output=True, text=True, check=True, timeout=10
+            command, capture_output=True, text=True, check=True, timeout=10, env=ours
         ).stdout.strip()
 
     try:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -141,3 +143,22 @@ def test_keys_that_wait_for_one_another_are_an_error() -> None:
 def test_the_local_engine_offers_what_stages_ask_of_an_engine() -> None:
     engine: Engine = LocalEngine(2)
     assert engine.workers == 2
+
+
+def test_workers_import_nothing_from_the_working_directory(tmp_path: Path) -> None:
+    """A file that is named like a library, in a folder where somebody happens to stand."""
+    script, here = tmp_path / "script" / "run.py", tmp_path / "here"
+    script.parent.mkdir()
+    here.mkdir()
+    script.write_text(
+        "from elast_cli.engine.local import LocalEngine\n"
+        "if __name__ == '__main__':\n"
+        "    print(sorted(LocalEngine(2).each(abs, [1, -2])))\n"
+    )
+    for name in ("pickle", "queue", "random", "socket", "struct", "tempfile"):
+        (here / f"{name}.py").write_text(f"open({str(tmp_path / name)!r}, 'w')")
+    ran = subprocess.run(
+        [sys.executable, str(script)], cwd=here, capture_output=True, text=True, timeout=120
+    )
+    assert ran.stdout == "[1, 2]\n", ran.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "script"]

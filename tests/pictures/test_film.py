@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -68,3 +71,14 @@ def test_reconstructions_stand_below_their_images(tmp_path: Path) -> None:
     assert shows(image[:middle], "#dc3c28")
     assert shows(image[middle:], "#283cdc")
     assert not shows(image[middle:], "#dc3c28")
+
+
+def test_a_notebooks_backend_that_is_not_there_does_not_matter(tmp_path: Path) -> None:
+    code = (
+        "import numpy as np, pathlib\n"
+        "from elast_cli.pictures.film import film_strip\n"
+        "film_strip(np.zeros((2, 8, 8, 3), 'u1'), np.zeros((8, 8, 3), 'u1'), pathlib.Path('a.png'))"
+    )
+    environment = {**os.environ, "MPLBACKEND": "module://not.there"}
+    subprocess.run([sys.executable, "-c", code], env=environment, cwd=tmp_path, check=True)
+    assert (tmp_path / "a.png").stat().st_size > 0

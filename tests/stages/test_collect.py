@@ -12,7 +12,7 @@ from elast_cli.data.chunks import CHUNK_ROWS
 from elast_cli.data.layout import column_digests
 from elast_cli.data.shards import shard_path
 from elast_cli.errors import DataError
-from elast_cli.stages import collect, presets
+from elast_cli.stages import collect, presets, train
 from elast_cli.stages.job import Job
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
@@ -110,3 +110,11 @@ def test_damaged_episodes_are_named_and_fresh_forgets_them(job: Job) -> None:
 def test_threads_and_device_are_no_part_of_a_dataset(job: Job) -> None:
     first = collect.recipe_job(job).carry_out()
     assert collect.recipe_job(replace(job, threads=2, workers=2)).carry_out() == first
+
+
+def test_too_little_to_train_on_is_refused_before_training(job: Job) -> None:
+    collect.recipe_job(job).carry_out()
+    training = train.recipe_job(job, "encoder")
+    with pytest.raises(DataError, match=r"60 transitions in 6 episodes.* at least 200.*--n 200$"):
+        training.carry_out()
+    assert not job.store.refs(kind="encoder")

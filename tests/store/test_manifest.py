@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elast_cli.config import dump_yaml, parse_yaml, read_yaml
 from elast_cli.errors import UsageError
-from elast_cli.store.manifest import MANIFEST, MANIFEST_DIGEST, Recipe, Ref
+from elast_cli.store.manifest import MANIFEST, MANIFEST_DIGEST, Recipe, Ref, provenance
 from elast_cli.store.store import Store
 from tests.toys.artifacts import publish, recipe
 
@@ -103,3 +103,25 @@ def test_recipes_of_committed_models_still_have_their_digests(path: Path) -> Non
     assert manifest.recipe.digest == manifest.recipe_digest
     assert manifest.recipe.variant == {}
     assert "variant" not in read_yaml(path / MANIFEST)["recipe"]  # type: ignore[operator]  # a mapping
+
+
+def test_a_git_hook_of_another_repository_does_not_name_the_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = provenance().get("git_commit")
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    words = [
+        "-c",
+        "user.name=a",
+        "-c",
+        "user.email=a@b",
+        "commit",
+        "-q",
+        "--allow-empty",
+        "-m",
+        "x",
+    ]
+    subprocess.run(["git", "-C", str(tmp_path), *words], check=True)
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))
+    monkeypatch.setenv("GIT_WORK_TREE", str(tmp_path))
+    assert provenance().get("git_commit") == alone

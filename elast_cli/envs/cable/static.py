@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NoReturn
 
 import numpy as np
 import pymunk
@@ -50,6 +50,14 @@ class Cable(SimulatedTask):
         middle = np.stack([np.full_like(line, 0.5), line], axis=1)
         self._lay(self.config.walls, empty_layout())
         self.set_state(middle.astype(np.float32).ravel(), self._layout)
+
+    def __getstate__(self) -> NoReturn:
+        """Refuse a copy or a pickle: its contacts would start afresh, and it would go on otherwise.
+
+        Raises:
+            TypeError: always; says what to do.
+        """
+        raise TypeError("a cable cannot be copied: make another task and set its state (set_state)")
 
     @property
     def success_radius(self) -> float:

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from elast_cli.compiled import njit
 from elast_cli.envs.flat.rectangles import Rect, count_cells
 from elast_cli.envs.flat.shortest_path import Floats, Moves, flood
 
@@ -102,7 +102,7 @@ def _in_cells(rects: Sequence[Rect], low: float, cell: float) -> Floats:
     return np.array(corners, dtype=np.float64).reshape(-1, 4)
 
 
-@njit(cache=True)
+@njit()
 def _inside(x: float, y: float, walls: Floats) -> bool:
     """Whether a place in cells lies inside one of the walls [M, 4], edges excluded."""
     for i in range(walls.shape[0]):
@@ -111,7 +111,7 @@ def _inside(x: float, y: float, walls: Floats) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit()
 def _carried(x: float, y: float, stream: Floats) -> bool:
     """Whether a stream [0 or 1, 4] takes hold at a place."""
     for i in range(stream.shape[0]):
@@ -120,7 +120,7 @@ def _carried(x: float, y: float, stream: Floats) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit()
 def _slide(
     x: float, y: float, dx: float, dy: float, walls: Floats, last: float
 ) -> tuple[float, float]:
@@ -139,7 +139,7 @@ def _slide(
     return x, y
 
 
-@njit(cache=True)
+@njit()
 def _clear(x0: int, y0: int, x1: int, y1: int, walls: Floats) -> bool:
     """Whether the box between two cells meets no wall's inside."""
     for i in range(walls.shape[0]):
@@ -150,7 +150,7 @@ def _clear(x0: int, y0: int, x1: int, y1: int, walls: Floats) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit()
 def _free_cells(walls: Floats, size: int) -> NDArray[np.uint8]:
     """Which cells lie in no wall [M, 4]: u8 [size, size], y by rows."""
     free = np.zeros((size, size), dtype=np.uint8)
@@ -160,7 +160,7 @@ def _free_cells(walls: Floats, size: int) -> NDArray[np.uint8]:
     return free
 
 
-@njit(cache=True)
+@njit()
 def _moves(
     walls: Floats,
     size: int,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from elast_cli.compiled import njit
 from elast_cli.envs.flat.rectangles import Rect
 from elast_cli.shapes import IMAGE_SIZE
 
@@ -49,14 +49,14 @@ def _coverage(low: float, high: float) -> tuple[slice, Floats]:
     return slice(first, last), np.array(share)
 
 
-@njit(cache=True)
+@njit()
 def _nearest(px: float, py: float, ux: float, uy: float, square: float) -> tuple[float, float]:
     """Share of the way from the origin to (ux, uy) that is nearest a place, and its distance."""
     part = min(max((px * ux + py * uy) / square, 0.0), 1.0)
     return part, np.hypot(px - part * ux, py - part * uy)
 
 
-@njit(cache=True)
+@njit()
 def capsules(image: Floats, ends: Floats, radii: Floats, colours: Floats) -> Floats:
     """`image` f64 [64, 64, 3] with round lines over it, the later above: f64 [64, 64, 3].
 
@@ -83,7 +83,7 @@ def capsules(image: Floats, ends: Floats, radii: Floats, colours: Floats) -> Flo
     return painted
 
 
-@njit(cache=True)
+@njit()
 def chain(
     image: Floats, nodes: Floats, radius: float, head_radius: float, colours: Floats
 ) -> NDArray[np.uint8]:

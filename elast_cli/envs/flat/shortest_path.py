@@ -8,8 +8,9 @@ Among rectangles, `lattice.Lattice` needs rounding only where a corner is rounde
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from elast_cli.compiled import njit
 
 Floats = NDArray[np.float64]
 UNREACHABLE = -1
@@ -54,7 +55,7 @@ class Grid(Moves):
         return steps
 
 
-@njit(cache=True)
+@njit()
 def _moves_between(free: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     """Moves of a `Grid`: where a displacement leads that is made in parts of half a cell.
 
@@ -86,7 +87,7 @@ def _moves_between(free: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     return into
 
 
-@njit(cache=True)
+@njit()
 def flood(
     into: NDArray[np.uint8], goal: NDArray[np.uint8], least: NDArray[np.int64]
 ) -> NDArray[np.int16]:

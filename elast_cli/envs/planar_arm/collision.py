@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from elast_cli.compiled import njit
 
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit()
 def collides(
     first: float, second: float, lengths: Floats, radius: float, obstacles: Floats
 ) -> bool:
@@ -29,7 +30,7 @@ def collides(
     return False
 
 
-@njit(cache=True)
+@njit()
 def turned(
     angles: Floats,
     turn: Floats,
@@ -52,7 +53,7 @@ def turned(
     return np.array([first, second])
 
 
-@njit(cache=True)
+@njit()
 def free_cells(
     axis: Floats, lengths: Floats, radius: float, obstacles: Floats
 ) -> NDArray[np.uint8]:

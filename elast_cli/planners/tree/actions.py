@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.tree.forest import Forest
 from elast_cli.shapes import Float32, Float64, Int32, Int64
 
 DIRECTION = 6  # where in a candidate's random numbers those of its direction begin
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def propose(
     forest: Forest,
     rows: Int64,

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.grid import NONE
 from elast_cli.planners.tree.forest import Forest
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _place(index: Int32, row: int, node: int, capacity: int) -> int:
     """The index of a node: its own, or where candidate `node` - N went."""
     return index[row, node - capacity] if node >= capacity else node
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def edges_around(pairs: Int32, gaps: Float32, index: Int32, capacity: int) -> tuple[Int32, Float32]:
     """Edges (row, source, target) [3,2P] into inserted candidates, then the same reversed.
 
@@ -51,7 +51,7 @@ def edges_around(pairs: Int32, gaps: Float32, index: Int32, capacity: int) -> tu
     return edges, gap
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def pick(forest: Forest, edges: Int32, gap: Float32, untried: Bool) -> tuple[Int32, Int32, Int32]:
     """For each target the cheapest untried edge that lowers its cost; of equals, the shortest.
 
@@ -83,7 +83,7 @@ def pick(forest: Forest, edges: Int32, gap: Float32, untried: Bool) -> tuple[Int
     return row[chosen], source[chosen], target[chosen]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def ends(
     forest: Forest, row: Int32, source: Int32, target: Int32
 ) -> tuple[Float32, Float32, Int64]:
@@ -96,7 +96,7 @@ def ends(
     return z, z_next, row.astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def flat(
     row: Int64 | Int32, source: Int32, target: Int64 | Int32, width: int, calls: Int64
 ) -> tuple[Int64, Int64]:
@@ -108,14 +108,14 @@ def flat(
     return here, there
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def count(calls: Int64, row: Int64, each: int) -> None:
     """Add `each` to the calls [B] of every row that is named [M]."""
     for e in range(len(row)):
         calls[row[e]] += each
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def lengths(x: Float32) -> Float32:
     """Euclidean length [M] of each row [M,Z]."""
     out = np.empty(len(x), np.float32)
@@ -127,7 +127,7 @@ def lengths(x: Float32) -> Float32:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, most: float) -> Bool:
     """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M]."""
     near: Bool = lengths(landed - z_next) <= radius

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.grid import NONE
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
@@ -89,7 +89,7 @@ def plant(
     return forest
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _detach(forest: Forest, b: int, i: int) -> None:
     left, right = forest.before[b, i], forest.after[b, i]
     if left == NONE:
@@ -100,7 +100,7 @@ def _detach(forest: Forest, b: int, i: int) -> None:
         forest.before[b, right] = left
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _attach(forest: Forest, b: int, i: int, to: int) -> None:
     head = forest.child[b, to]
     forest.parent[b, i] = to
@@ -111,7 +111,7 @@ def _attach(forest: Forest, b: int, i: int, to: int) -> None:
     forest.child[b, to] = i
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
     """Add `change` to the depth of node i and of everything below it, without recursion."""
     stack = [i]
@@ -124,7 +124,7 @@ def _deepen(forest: Forest, b: int, i: int, change: int) -> None:
             below = forest.after[b, below]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _note_goal(forest: Forest, b: int, i: int) -> None:
     """Note how far node i is from the goal, and whether none is nearer."""
     gap = np.float32(0)
@@ -137,7 +137,7 @@ def _note_goal(forest: Forest, b: int, i: int) -> None:
         forest.nearest[b] = i
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def link(forest: Forest, b: int, parent: Int32) -> None:
     """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal."""
     for i in range(len(parent)):
@@ -148,7 +148,7 @@ def link(forest: Forest, b: int, parent: Int32) -> None:
         _note_goal(forest, b, i)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def insert(
     forest: Forest, rows: Int64, latent: Float32, alive: Bool, parent: Int32, action: Float32
 ) -> Int32:
@@ -182,7 +182,7 @@ def insert(
     return index
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def rewire(
     forest: Forest, row: Int32, source: Int32, target: Int32, action: Float32, admissible: Bool
 ) -> int:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.grid import NONE
 from elast_cli.planners.tree.edges import lengths
 from elast_cli.planners.tree.forest import Forest, link
@@ -100,7 +100,7 @@ def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
     return first(memory, 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def closed(z: Float32, failed: Float32, radius: float) -> Bool:
     """Which places [M,Z] lie within `radius` of a way that failed transitions [P,2,Z] close.
 
@@ -178,7 +178,7 @@ def transplant(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _new_depths(order: Int64, parent: Int32, direct: Bool) -> Int32:
     """Depths below the new root [N], 0 for nodes that no adopted node leads to."""
     depth = np.zeros(len(parent), np.int32)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.planners.tree.forest import Forest
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
@@ -57,7 +57,7 @@ def no_weights(rows: int, nodes: int) -> Float64:
     return np.zeros((rows, 2 * leaves))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def set_weight(sums: Float64, i: int, weight: float) -> None:
     """Give leaf i of one row's sums [2L] a weight.
 
@@ -71,7 +71,7 @@ def set_weight(sums: Float64, i: int, weight: float) -> None:
         sums[at] = sums[2 * at] + sums[2 * at + 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def draw(sums: Float64, where: float) -> int:
     """The leaf at a share `where` in [0, 1) of the total weight."""
     at, rest = 1, where * sums[1]
@@ -83,7 +83,7 @@ def draw(sums: Float64, where: float) -> int:
     return at - len(sums) // 2
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def choose(
     sums: Float64,
     rows: Int64,
@@ -121,14 +121,14 @@ def weight_table(exponent: float) -> Float64:
     return weights
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _weigh(sparsity: Sparsity, b: int, i: int) -> None:
     """Give node i of row b the weight of its crowding."""
     crowding = min(sparsity.crowding[b, i], len(sparsity.weights) - 1)
     set_weight(sparsity.sums[b], i, sparsity.weights[crowding])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def admit(sparsity: Sparsity, first: Int64, last: Int64) -> None:
     """Let nodes first[b] up to last[b] of each row be drawn."""
     for b in range(len(first)):
@@ -136,14 +136,14 @@ def admit(sparsity: Sparsity, first: Int64, last: Int64) -> None:
             _weigh(sparsity, b, i)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _crowd_one(sparsity: Sparsity, b: int, i: int) -> None:
     sparsity.crowding[b, i] += 1
     if sparsity.sums[b, sparsity.sums.shape[1] // 2 + i] > 0:  # a node without weight keeps none
         _weigh(sparsity, b, i)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def crowd_along(sparsity: Sparsity, edges: Int32, gap: Float32, limit: float) -> None:
     """Count one more at the source of each (row, source, target) [3,P] with a gap [P] ≤ limit."""
     for e in range(len(gap)):
@@ -151,7 +151,7 @@ def crowd_along(sparsity: Sparsity, edges: Int32, gap: Float32, limit: float) ->
             _crowd_one(sparsity, edges[0, e], edges[1, e])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def crowd_rejected(sparsity: Sparsity, rows: Int64, alive: Bool, parent: Int32) -> None:
     """Count one more at the parents [R,K] of the candidates that are not alive [R,K]."""
     for r in range(len(rows)):
@@ -160,7 +160,7 @@ def crowd_rejected(sparsity: Sparsity, rows: Int64, alive: Bool, parent: Int32) 
                 _crowd_one(sparsity, rows[r], parent[r, k])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def prune(sparsity: Sparsity, forest: Forest, rows: Int64, radius: float, longest: float) -> None:
     """Take the weight from nodes that cannot lead to a shorter path, and give it back to others.
 

@@ -7,12 +7,12 @@ all with all, coordinate by coordinate.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from elast_cli.compiled import njit
 from elast_cli.shapes import Bool, Float32, Int32, Int64
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _gather(latent: Float32, alive: Bool, at: Float32, who: Int32) -> int:
     """Write the live ones of latents [K,Z] to at [Z,K], side by side, and their k to who [K]."""
     count = 0
@@ -25,7 +25,7 @@ def _gather(latent: Float32, alive: Bool, at: Float32, who: Int32) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _measure(at: Float32, i: int, out: Float32) -> None:
     """Squared distances [i] of point i of at [Z,K] to those before it."""
     for j in range(i):
@@ -37,7 +37,7 @@ def _measure(at: Float32, i: int, out: Float32) -> None:
             out[j] += step * step
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def drop_copies(latent: Float32, alive: Bool, cost: Int32, radius: float) -> None:
     """Clear alive [R,K] where an earlier live mate, nearer than `radius`, costs no more.
 
@@ -54,7 +54,7 @@ def drop_copies(latent: Float32, alive: Bool, cost: Int32, radius: float) -> Non
                     alive[r, who[i]] = False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_pairs(
     rows: Int64,
     latent: Float32,

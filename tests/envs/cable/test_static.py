@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
-from collections.abc import Iterator
+import pickle
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -219,3 +221,10 @@ def test_a_hand_with_full_knowledge_reaches_the_goals_within_the_budget(name: st
         for scenario in scenarios(name, "standard", seed=0, count=10, domain="scenario-val")
     ]
     assert np.mean(np.array(gaps) <= env.success_radius) >= 0.9
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_cable_refuses_to_be_copied(copied: Callable[[Cable], object]) -> None:
+    """The contacts of a copy would start afresh, and it would go on otherwise."""
+    with pytest.raises(TypeError, match="make another task and set its state"):
+        copied(Cable())

@@ -1,0 +1,90 @@
+"""Functions that numba compiles, and where their machine code is kept for the next process.
+
+numba keeps it beside the source, or below the user's home folder. Where neither can be written to
+(a container, an installation of another user, no home), it goes into a private temporary folder,
+which the workers of a run share and which is removed at the end. Code is never kept in a store:
+loading it runs it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+VARIABLE = "NUMBA_CACHE_DIR"  # numba reads it when it is imported; worker processes inherit it
+MADE = "ELAST_COMPILED"  # the temporary folder, where one was made
+
+
+def place() -> str:
+    """Where compiled code is kept, in words; the first call makes a temporary folder if need be."""
+    asked = os.environ.get(VARIABLE)
+    for folder in (asked, str(Path(__file__).parent / "__pycache__"), "~/.cache/numba"):
+        if folder and _writable(folder):
+            return folder
+    try:
+        made = tempfile.mkdtemp(prefix="elast-compiled-")  # nobody else can write to it
+    except OSError:
+        return ""
+    os.environ[VARIABLE] = os.environ[MADE] = made
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
+
+
+def _writable(folder: str) -> bool:
+    try:
+        path = Path(folder).expanduser()
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            return True
+    except (OSError, RuntimeError):  # RuntimeError: no home folder
+        return False
+
+
+PLACE = place()
+
+
+def njit(**options: Any) -> Callable[[F], F]:
+    """`numba.njit`, whose machine code is kept if there is a place for it."""
+    import numba
+
+    compiled: Callable[[F], F] = numba.njit(cache=bool(PLACE), **options)
+    return compiled
+
+
+class Compiling:
+    """Calls `note` once, as soon as something has to be compiled; a context."""
+
+    def __init__(self, note: Callable[[str], None]) -> None:
+        self._note = note
+
+    def __enter__(self) -> None:
+        from numba.core import event
+
+        told = self
+
+        class Listener(event.Listener):
+            def on_start(self, _event: object) -> None:
+                told.tell()
+
+            def on_end(self, _event: object) -> None:
+                pass
+
+        self._listener = Listener()
+        event.register("numba:compile", self._listener)  # type: ignore[no-untyped-call]
+
+    def __exit__(self, *_: object) -> None:
+        from numba.core import event
+
+        event.unregister("numba:compile", self._listener)  # type: ignore[no-untyped-call]
+
+    def tell(self) -> None:
+        """Say it, the first time."""
+        note, self._note = self._note, lambda _text: None
+        lasting = PLACE and MADE not in os.environ
+        note(f"compiling kernels ({'once' if lasting else 'for this run: see elast doctor'})")
