@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from elast_cli.errors import DataError, MissingInputError
 from elast_cli.models import stored as io
 from elast_cli.models.files import load_model, save_model
 from elast_cli.models.fit import round_weights
+from tests.toys.clock import soon
 from tests.toys.models import KINDS, models, trained
 
 
@@ -135,11 +135,9 @@ FILES: dict[str, tuple[bytes, str]] = {
 def test_a_hostile_weights_file_is_refused(saved: Path, case: str) -> None:
     content, why = FILES[case]
     (saved / io.WEIGHTS).write_bytes(content)
-    began = time.monotonic()
-    with pytest.raises(DataError, match=why) as caught:
+    with soon(), pytest.raises(DataError, match=why) as caught:
         load_model(saved, "density")
     assert str(saved / io.WEIGHTS) in str(caught.value)
-    assert time.monotonic() - began < 1
 
 
 @pytest.mark.parametrize("write", [pickle.dumps, None], ids=["pickle", "torch.save"])
@@ -247,19 +245,15 @@ def test_sizes_out_of_bounds_are_refused_before_anything_is_built(
     path = tmp_path / io.SPEC
     assert key in path.read_text()
     path.write_text(path.read_text().replace(key, value))
-    began = time.monotonic()
-    with pytest.raises(DataError, match=io.SPEC):
+    with soon(), pytest.raises(DataError, match=io.SPEC):
         load_model(tmp_path, kind)
-    assert time.monotonic() - began < 1
 
 
 def test_larger_sizes_than_the_weights_cost_no_memory(saved: Path) -> None:
     path = saved / io.SPEC
     path.write_text(path.read_text().replace("width: 16", "width: 65536"))  # 17 GB if it were real
-    began = time.monotonic()
-    with pytest.raises(DataError, match=r"expected float32 \[65536"):
+    with soon(), pytest.raises(DataError, match=r"expected float32 \[65536"):
         load_model(saved, "density")
-    assert time.monotonic() - began < 1
 
 
 def test_a_model_of_another_kind_is_refused(saved: Path) -> None:
