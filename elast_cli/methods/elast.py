@@ -12,7 +12,6 @@ from elast_cli.methods.loading import Models
 from elast_cli.methods.sight import contexts, frame_encoder
 from elast_cli.methods.thresholds import limits, radii, step_length
 from elast_cli.models.tensors import under
-from elast_cli.planners.base import Planner
 from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.search import ElastPlanner
@@ -34,7 +33,7 @@ def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[A
     )
 
 
-def planner(models: Models, config: TreeConfig) -> Planner:
+def planner(models: Models, config: TreeConfig) -> ElastPlanner | ShootingPlanner:
     """The planner on trained models, with its thresholds from their calibration.
 
     It grows trees, and where the configuration has it refines their paths by shooting.

@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from elast_cli.config import JsonDict
-from elast_cli.methods.elast import tree_planner
+from elast_cli.methods.elast import planner
 from elast_cli.methods.loading import Models
 from elast_cli.models.tensors import Array
-from elast_cli.planners.base import Query
+from elast_cli.planners.base import Plan, Query
+from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.forest import path_to
 from elast_cli.planners.tree.search import Search
@@ -28,14 +29,14 @@ class Explanation:
     Attributes:
         latents: nodes of the tree [N,Z].
         parents: parent of each node [N], -1 at the root.
-        path: node indices from the root on [T].
+        path: latents of the plan, from the start on [T,Z].
         rows: dataset row whose encoded state is nearest to each node of the path [T].
         figures: everything about the plan, for JSON.
     """
 
     latents: Float32
     parents: Int32
-    path: Int64
+    path: Float32
     rows: Int64
     figures: JsonDict
 
@@ -43,34 +44,40 @@ class Explanation:
 def explain_plan(
     models: Models, config: TreeConfig, query: Query, distance: Distance | None
 ) -> Explanation:
-    """Plan for one query row by the tree and account for every edge of the path.
+    """Make the first plan of an episode, for one query row, and account for every edge of it.
 
+    Where shooting refines the paths of the tree, the plan is the refined path, as it is played.
     `distance` of two true states, where the environment knows one, tells jumps from true steps.
     """
-    planner = tree_planner(models, config)
+    whole = planner(models, config)
+    trees = whole.tree if isinstance(whole, ShootingPlanner) else whole
     began = time.perf_counter()
-    search = Search(planner, query)
-    search.run()
-    nodes, reached = search.best_nodes()
+    search = trees.grow(query)
+    plan = search.best_plan()
+    if whole is not trees:  # it grows the same tree once more
+        began = time.perf_counter()
+        plan = whole.plan(query)
     seconds = time.perf_counter() - began
     forest, size = search.forest, int(search.forest.size[0])
-    path = np.array(path_to(forest, 0, int(nodes[0])))
-    nearest, _ = _nearest(models, forest.latent[0, path])
+    nodes = None if whole is not trees else path_to(forest, 0, int(search.best_nodes()[0][0]))
+    states = plan.states[0, : plan.length[0]]
+    nearest, _ = _nearest(models, states)
     figures: JsonDict = {
-        "reached": bool(reached[0]),
-        "steps": len(path) - 1,
+        "reached": bool(plan.reached[0]),
+        "refined": nodes is None,
+        "steps": len(states) - 1,
         "seconds": seconds,
         "nodes": size,
         "expansions": config.expansions,
         "repeatable": config.time_budget is None,
-        **{name: int(calls[0]) for name, calls in vars(search.cost).items()},
-        "limits": _finite(asdict(planner.limits)),
-        "radii": _finite(asdict(planner.radii)),
-        "goal": _goal(models, search),
-        "path": [*_path(models, search, path, nearest, distance)],
+        **{name: int(calls[0]) for name, calls in vars(plan.cost).items()},
+        "limits": _finite(asdict(trees.limits)),
+        "radii": _finite(asdict(trees.radii)),
+        "goal": _goal(models, search, states[-1]),
+        "path": [*_path(models, search, plan, nodes, distance)],
     }
     rows = _support(models, "rows")[nearest]
-    return Explanation(forest.latent[0, :size], forest.parent[0, :size], path, rows, figures)
+    return Explanation(forest.latent[0, :size], forest.parent[0, :size], states, rows, figures)
 
 
 def _support(models: Models, name: str) -> Array:
@@ -85,45 +92,50 @@ def _nearest(models: Models, latents: Float32) -> tuple[Int64, Float32]:
     return np.array([d.argmin() for d in apart]), np.array([d.min() for d in apart])
 
 
-def _goal(models: Models, search: Search) -> JsonDict:
-    """How well the data cover the goal, and how near the tree came to it."""
+def _goal(models: Models, search: Search, end: Float32) -> JsonDict:
+    """How well the data cover the goal, and how near the tree and the plan come to it."""
     distance = float(_nearest(models, search.query.goal)[1][0])
     return {
         "support_distance": distance,
         "supported": bool(distance <= search.growth.transitions.limits.max_support_distance),
         "nearest_node_distance": float(search.forest.nearest_distance[0]),
+        "plan_end_distance": float(np.linalg.norm(end - search.query.goal[0])),
     }
 
 
 def _path(
-    models: Models, search: Search, path: Int64, nearest: Int64, distance: Distance | None
+    models: Models,
+    search: Search,
+    plan: Plan,
+    nodes: Sequence[int] | None,
+    distance: Distance | None,
 ) -> Sequence[JsonDict]:
-    """One entry a node: where it is, and the edge that leads to it."""
-    forest, world = search.forest, search.growth.transitions.world
-    latent = forest.latent[0, path]
-    row = np.zeros(len(path), np.int64)
+    """One entry a state of the plan: where it is, and the edge that leads to it."""
+    world = search.growth.transitions.world
+    latent = plan.states[0, : plan.length[0]]
+    action = plan.actions[0, : plan.length[0] - 1]
+    row = np.zeros(len(latent), np.int64)
+    nearest, support = _nearest(models, latent)
     states = _support(models, "states")[nearest]
     features = world.features(latent, row)
-    source, target = np.arange(len(path) - 1), np.arange(1, len(path))
+    source, target = np.arange(len(latent) - 1), np.arange(1, len(latent))
     log_density = world.log_density(features, source, target)
-    action = forest.action[0, path]
-    landed, variance = world.step(latent[:-1], action[1:], row[1:])
+    landed, variance = world.step(latent[:-1], action, row[1:])
     back, _ = world.step(latent[:-1], world.act(latent[:-1], latent[1:], row[1:]), row[1:])
     round_trip = np.linalg.norm(back - latent[1:], axis=1)
     prediction = np.linalg.norm(landed - latent[1:], axis=1)
-    _, support = _nearest(models, latent)
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)
     entries: list[JsonDict] = []
-    for i in range(len(path)):
+    for i in range(len(latent)):
         entry: JsonDict = {
-            "node": int(path[i]),
+            "node": None if nodes is None else int(nodes[i]),
             "decoded_state": [float(x) for x in states[i]],
             "support_distance": float(support[i]),
             "goal_distance": float(goal[i]),
         }
         if i:
             entry["edge"] = {
-                "action": [float(x) for x in action[i]],
+                "action": [float(x) for x in action[i - 1]],
                 "log_density": float(log_density[i - 1]),
                 "variance": float(variance[i - 1]),
                 "round_trip": float(round_trip[i - 1]),

@@ -36,7 +36,7 @@ from elast_cli.store.store import Store
 if TYPE_CHECKING:
     from elast_cli.methods.explain import Distance, Explanation
 
-ALGORITHM_VERSION = 9
+ALGORITHM_VERSION = 10
 PLAN_FILE = "plan.json"
 PICTURE_FILE = "plan.png"
 METRICS = ("reached", "steps", "nodes", "seconds", "repeatable")
@@ -170,19 +170,19 @@ def _draw(
 
     # frames are checked chunk by chunk as they are read: the rest of the file does not matter here
     pixels = Dataset.load(job.store.path(inputs[DATASET]) / DATASET_FILE).pixels
-    every = np.concatenate([plan.latents, support, ends])
-    xy, name = project_2d(every, fit=support, seed=job.seed)
-    nodes, size = len(plan.latents), len(support)
+    every = [plan.latents, plan.path, support, ends]
+    places, name = project_2d(np.concatenate(every), fit=support, seed=job.seed)
+    nodes, path, cloud, both = np.split(places, np.cumsum([len(part) for part in every[:-1]]))
     inner = np.arange(1, len(plan.path))
     shown = inner[:: max(1, -(-len(inner) // MOST_FRAMES))]
     config = run.recipe.config
     picture = PlanPicture(
-        nodes_xy=xy[:nodes],
+        nodes_xy=nodes,
         parents=plan.parents,
-        path_xy=xy[plan.path],
-        start_xy=xy[-2],
-        goal_xy=xy[-1],
-        support_xy=xy[nodes : nodes + size],
+        path_xy=path,
+        start_xy=both[0],
+        goal_xy=both[1],
+        support_xy=cloud,
         frames=pixels[plan.rows[shown]],
         path_steps=[int(at) for at in shown],
         start=frames[0],

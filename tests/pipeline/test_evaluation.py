@@ -84,6 +84,26 @@ def test_plan_explains_every_edge(one: Path, capsys: pytest.CaptureFixture[str])
     assert "choose elast" in capsys.readouterr().err
 
 
+def test_where_shooting_refines_the_path_it_is_the_refined_one_that_is_explained(
+    one: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["plan", *ENV, *SETS, "--scenario", "2", "--quiet", "--json"]
+    assert run_in(one, arguments) == 0
+    tree = json.loads(capsys.readouterr().out)["plan"]
+    assert run_in(one, [*arguments, "--set", "planner.refine.iterations=8"]) == 0
+    plan = json.loads(capsys.readouterr().out)["plan"]
+    assert (tree["refined"], plan["refined"]) == (False, True)
+    assert plan["nodes"] == tree["nodes"]
+    assert {entry["node"] for entry in plan["path"]} == {None}
+    assert plan["steps"] == len(plan["path"]) - 1
+    assert (
+        max(entry["edge"]["prediction_error"] for entry in plan["path"][1:]) == 0
+    )  # as rolled out
+    ends = [found["goal"]["plan_end_distance"] for found in (plan, tree)]
+    assert ends[0] <= ends[1] == tree["goal"]["nearest_node_distance"]
+    assert plan["transitions"] > tree["transitions"]
+
+
 def test_compare_pairs_the_episodes_of_two_evaluations(
     one: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
