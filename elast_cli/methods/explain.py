@@ -111,39 +111,46 @@ def _path(
     distance: Distance | None,
 ) -> Sequence[JsonDict]:
     """One entry a state of the plan: where it is, and the edge that leads to it."""
-    world = search.growth.transitions.world
     latent = plan.states[0, : plan.length[0]]
-    action = plan.actions[0, : plan.length[0] - 1]
-    row = np.zeros(len(latent), np.int64)
     nearest, support = _nearest(models, latent)
     states = _support(models, "states")[nearest]
-    features = world.features(latent, row)
-    source, target = np.arange(len(latent) - 1), np.arange(1, len(latent))
-    log_density = world.log_density(features, source, target)
-    landed, variance = world.step(latent[:-1], action, row[1:])
-    back, _ = world.step(latent[:-1], world.act(latent[:-1], latent[1:], row[1:]), row[1:])
-    round_trip = np.linalg.norm(back - latent[1:], axis=1)
-    prediction = np.linalg.norm(landed - latent[1:], axis=1)
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)
-    entries: list[JsonDict] = []
-    for i in range(len(latent)):
-        entry: JsonDict = {
+    entries: list[JsonDict] = [
+        {
             "node": None if nodes is None else int(nodes[i]),
             "decoded_state": [float(x) for x in states[i]],
             "support_distance": float(support[i]),
             "goal_distance": float(goal[i]),
         }
-        if i:
-            entry["edge"] = {
-                "action": [float(x) for x in action[i - 1]],
-                "log_density": float(log_density[i - 1]),
-                "variance": float(variance[i - 1]),
-                "round_trip": float(round_trip[i - 1]),
-                "prediction_error": float(prediction[i - 1]),
-                "decoded_jump": distance(states[i - 1], states[i]) if distance else None,
-            }
-        entries.append(entry)
+        for i in range(len(latent))
+    ]
+    for i, edge in enumerate(_edges(search, latent, plan.actions[0])):
+        jump = distance(states[i], states[i + 1]) if distance else None
+        entries[i + 1]["edge"] = {**edge, "decoded_jump": jump}
     return entries
+
+
+def _edges(search: Search, latent: Float32, action: Float32) -> Sequence[JsonDict]:
+    """What each test says of the edges between latents [T,Z], made by actions [T-1 or more,A]."""
+    world = search.growth.transitions.world
+    source, target = np.arange(len(latent) - 1), np.arange(1, len(latent))
+    row, action = np.zeros(len(source), np.int64), action[: len(source)]
+    features = world.features(latent, np.zeros(len(latent), np.int64))
+    log_density = world.log_density(features, source, target)
+    landed, variance = world.step(latent[:-1], action, row)
+    back, _ = world.step(latent[:-1], world.act(latent[:-1], latent[1:], row), row)
+    round_trip = np.linalg.norm(back - latent[1:], axis=1)
+    prediction = np.linalg.norm(landed - latent[1:], axis=1)
+    return [
+        {
+            "action": [float(x) for x in action[i]],
+            "log_density": float(log_density[i]),
+            "variance": float(variance[i]),
+            "round_trip": float(round_trip[i]),
+            "prediction_error": float(prediction[i]),
+        }
+        for i in range(len(source))
+    ]
 
 
 def _finite(numbers: dict[str, float]) -> JsonDict:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import torch
@@ -24,6 +25,7 @@ Loss = Callable[[np.random.Generator], tuple[Tensor, Mapping[str, Tensor]]]
 Validate = Callable[[], Mapping[str, float]]
 
 METRICS = "metrics.csv"
+EVENTS = "events.out.tfevents.elast"
 
 
 def fit(
@@ -106,12 +108,25 @@ def write_metrics(rows: list[dict[str, float]], folder: Path) -> None:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    from torch.utils.tensorboard import SummaryWriter  # slow to import: only where it is used
+    with (folder / EVENTS).open("xb") as file:
+        _write_events(rows, file)
 
-    with SummaryWriter(str(folder)) as board:
-        for row in rows:
-            for name, value in row.items():
-                if name != "step":
-                    board.add_scalar(name, value, int(row["step"]))
-    for events in folder.glob("events.out.tfevents.*"):  # named after host and time; drop both
-        events.rename(folder / "events.out.tfevents.elast")
+
+def _write_events(rows: list[dict[str, float]], file: BinaryIO) -> None:
+    """The curve for TensorBoard; steps stand for times, so that equal curves are equal files."""
+    from tensorboard.compat.proto.event_pb2 import Event  # slow to import: only where it is used
+    from tensorboard.compat.proto.summary_pb2 import Summary
+    from tensorboard.summary.writer.record_writer import RecordWriter
+
+    events = [Event(file_version="brain.Event:2")]
+    for row in rows:
+        step = int(row["step"])
+        values = [
+            Summary.Value(tag=name, simple_value=value)
+            for name, value in row.items()
+            if name != "step"
+        ]
+        events.append(Event(wall_time=step, step=step, summary=Summary(value=values)))
+    writer = RecordWriter(file)
+    for event in events:
+        writer.write(event.SerializeToString())

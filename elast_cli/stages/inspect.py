@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, UsageError, suggestion
 from elast_cli.models import parts
+from elast_cli.store.lineage import LineageNode
 from elast_cli.store.manifest import Ref
-from elast_cli.store.store import LineageNode, Store
+from elast_cli.store.store import Store
 
 if TYPE_CHECKING:
     from rich.console import Group

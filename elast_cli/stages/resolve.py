@@ -79,6 +79,7 @@ class _Search:
     def __init__(self, job: Job, given: Mapping[str, Ref]) -> None:
         self.job, self.store = job, job.store
         self.digests: dict[Ref, str] = {}
+        self.parents: dict[Ref, dict[str, str]] = {}
         self.candidates: dict[str, list[tuple[Ref, Manifest]]] = {}
         for role in parts.kinds():
             self.candidates[role] = (
@@ -86,7 +87,7 @@ class _Search:
                 if role in given
                 else self._fitting(role)
             )
-        self._refuse_mixed([self.candidates[role][0] for role in given])
+        self._refuse_mixed([self.candidates[role][0][0] for role in given])
 
     def choose(self, roles: Sequence[str], chosen: dict[str, Ref]) -> dict[str, Ref] | None:
         """One candidate a role such that all their recorded parents agree, or None."""
@@ -104,15 +105,16 @@ class _Search:
         for role, ref in chosen.items():
             others = {role: self._digest(ref), **self._parents(ref)}
             if any(
-                others.get(role, parent.digest) != parent.digest
-                for role, parent in manifest.parents.items()
+                others.get(role, digest) != digest
+                for role, digest in self._parents(manifest.ref).items()
             ):
                 return False
         return True
 
     def _parents(self, ref: Ref) -> dict[str, str]:
-        manifest = next(m for r, m in self.candidates[ref.kind] if r == ref)
-        return {role: parent.digest for role, parent in manifest.parents.items()}
+        if ref not in self.parents:
+            self.parents[ref] = self.store.parents(ref)
+        return self.parents[ref]
 
     def _digest(self, ref: Ref) -> str:
         if ref not in self.digests:
@@ -161,18 +163,16 @@ class _Search:
             raise DataError(f"{flag}: made in another world: {'; '.join(world)}")
         return manifest
 
-    def _refuse_mixed(self, given: Sequence[tuple[Ref, Manifest]]) -> None:
+    def _refuse_mixed(self, given: Sequence[Ref]) -> None:
         """Raise DataError if two named artifacts come from different parents."""
-        for ref, manifest in given:
-            for other, other_manifest in given:
-                theirs = {other.kind: self._digest(other)} | {
-                    role: parent.digest for role, parent in other_manifest.parents.items()
-                }
-                for role, parent in manifest.parents.items():
-                    if theirs.get(role, parent.digest) != parent.digest:
+        for ref in given:
+            for other in given:
+                theirs = {other.kind: self._digest(other), **self._parents(other)}
+                for role, digest in self._parents(ref).items():
+                    if theirs.get(role, digest) != digest:
                         raise DataError(
                             f"{ref} and {other} are of different lineages: {role} digest "
-                            f"{parent.digest[:12]} against {theirs[role][:12]}"
+                            f"{digest[:12]} against {theirs[role][:12]}"
                         )
 
 

@@ -70,8 +70,8 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     limit_threads(job.threads)
     verify_files(job.store, inputs)
     dataset = Dataset.load(job.store.file(inputs[DATASET], DATASET_FILE))
-    _check_size(job, inputs[DATASET], dataset)
     _check_contexts(job, inputs[DATASET], dataset)
+    _check_size(job, inputs[DATASET], dataset)
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
     setting = Setting(
         seed=job.seed,

@@ -85,9 +85,7 @@ class Recipe(StrictModel):
     seed: Annotated[int, Field(ge=0)]
     preset: str
     config: JsonDict
-    parents: dict[Name, Digest] = Field(
-        default_factory=dict
-    )  # role -> digest of the parent's manifest
+    parents: dict[Name, Digest] = Field(default_factory=dict)  # role -> the parent's identity
     render_backend: str | None = None
     device: str = "cpu"
     threads: Annotated[int, Field(ge=1)] = 1
@@ -103,7 +101,7 @@ class Recipe(StrictModel):
 
 
 class Parent(StrictModel):
-    """An artifact this one was made from: its ref, and the digest its manifest had then."""
+    """An artifact this one was made from: its ref, and its identity."""
 
     ref: RefText
     digest: Digest
@@ -127,6 +125,13 @@ class Manifest(StrictModel):
     files: dict[FileName, FileEntry]
     metrics: JsonDict
     provenance: JsonDict
+
+    @property
+    def identity(self) -> str:
+        """SHA-256 of recipe and files: what the artifact is, not when and where it was made."""
+        files = {name: entry.sha256 for name, entry in self.files.items()}
+        text = json.dumps([self.recipe_digest, files], sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
 
     @property
     def ref(self) -> Ref:

@@ -22,12 +22,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from elast_cli.errors import DataError, MissingInputError
 from elast_cli.files import storage_errors
 from elast_cli.store.leftovers import removed
+from elast_cli.store.lineage import LineageNode, lineage, postorder
 from elast_cli.store.locks import held
 from elast_cli.store.manifest import (
     MANIFEST,
@@ -47,20 +47,6 @@ from elast_cli.store.run import Run
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
 _MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
-MAX_GENERATIONS = 32
-
-
-@dataclass(frozen=True)
-class LineageNode:
-    """An artifact, the role it plays for its child ("" at the root), and its own parents.
-
-    `lost`: it does not exist; then its parents are not known.
-    """
-
-    ref: Ref
-    role: str
-    parents: tuple[LineageNode, ...]
-    lost: bool = False
 
 
 class Store:
@@ -109,8 +95,22 @@ class Store:
         return self._read(ref)[0]
 
     def digest(self, ref: Ref) -> str:
-        """Digest of the artifact's manifest, which names its exact content."""
-        return self._read(ref)[1]
+        """Names the artifact's exact content: one that is made again from the same has the same."""
+        return self.manifest(ref).identity
+
+    def digests(self, ref: Ref) -> set[str]:
+        """By what children may have recorded it: elast 0.1 took the digest of its manifest."""
+        manifest, digest = self._read(ref)
+        return {manifest.identity, digest}
+
+    def parents(self, ref: Ref) -> dict[str, str]:
+        """The digest of each parent by role, as it is now named; of a lost one, as recorded."""
+        found = {}
+        for role, recorded in self.manifest(ref).parents.items():
+            parent = Ref.parse(recorded.ref)
+            same = self.path(parent).exists() and recorded.digest in self.digests(parent)
+            found[role] = self.digest(parent) if same else recorded.digest
+        return found
 
     def file(self, ref: Ref, name: str) -> Path:
         """Path of a member whose size and SHA-256 were just found right.
@@ -195,7 +195,7 @@ class Store:
             MissingInputError: there is no such artifact.
             DataError: names the file or parent that is missing, extra, changed or cyclic.
         """
-        for node in _postorder(self.lineage(ref)):
+        for node in postorder(self.lineage(ref)):
             manifest, digest = self._read(node.ref)
             folder = self.path(node.ref)
             present = {entry.name for entry in os.scandir(folder)}
@@ -214,26 +214,7 @@ class Store:
             DataError: a parent is another one than recorded, its own ancestor, or missing and that
                 is not allowed.
         """
-        parents: dict[Ref, tuple[LineageNode, ...]] = {}
-
-        def visit(child: Ref, path: tuple[Ref, ...]) -> tuple[LineageNode, ...]:
-            if child not in parents:
-                found = []
-                for role, parent in self.manifest(child).parents.items():
-                    parent_ref = Ref.parse(parent.ref)
-                    if parent_ref in path or len(path) > MAX_GENERATIONS:
-                        raise DataError(f"{child}: its {role} {parent_ref} closes a cycle")
-                    if allow_lost and not self.path(parent_ref).exists():
-                        found.append(LineageNode(parent_ref, role, (), lost=True))
-                        continue
-                    self._check_parent(child, role, parent_ref, parent.digest)
-                    found.append(
-                        LineageNode(parent_ref, role, visit(parent_ref, (*path, parent_ref)))
-                    )
-                parents[child] = tuple(found)
-            return parents[child]
-
-        return LineageNode(ref, "", visit(ref, (ref,)))
+        return lineage(self, ref, allow_lost=allow_lost)
 
     def gc(self) -> list[Path]:
         """Remove what interrupted runs left, and the cache; see `leftovers.removed`."""
@@ -250,17 +231,6 @@ class Store:
             return f"{ref} does not exist; there is {', '.join(there)}"
         maker = _MAKERS.get(ref.kind, f"train-{ref.kind.replace('_', '-')}")
         return f"{ref} does not exist; run: elast {maker} --env {ref.env}"
-
-    def _check_parent(self, child: Ref, role: str, parent: Ref, digest: str) -> None:
-        try:
-            found = self.digest(parent)
-        except MissingInputError:
-            raise DataError(f"{child}: its {role} {parent} no longer exists") from None
-        if found != digest:
-            raise DataError(
-                f"{child}: its {role} {parent} is another one than it was made from "
-                f"(digest {found[:12]}, recorded {digest[:12]})"
-            )
 
     def _check_member(
         self, ref: Ref, digest: str, name: str, entry: FileEntry, *, again: bool = False
@@ -283,17 +253,3 @@ class Store:
             raise DataError(f"{ref}: {name} is missing") from None
         except ValueError as reason:
             raise DataError(f"{ref}: {name}: {reason}") from None
-
-
-def _postorder(node: LineageNode) -> list[LineageNode]:
-    """Every artifact of a lineage once, parents before children."""
-    ordered: dict[Ref, LineageNode] = {}
-
-    def visit(node: LineageNode) -> None:
-        if node.ref not in ordered:
-            for parent in node.parents:
-                visit(parent)
-            ordered[node.ref] = node
-
-    visit(node)
-    return list(ordered.values())

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import Tensor, nn
 
 from elast_cli.errors import DataError
@@ -192,9 +193,19 @@ def test_the_curve_is_written_as_csv_and_for_tensorboard(tmp_path: Path) -> None
     write_metrics(rows, tmp_path)
     with (tmp_path / METRICS).open(newline="") as file:
         assert [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)] == rows
-    assert len(list(tmp_path.glob("events.out.tfevents.*"))) == 1
+    board = EventAccumulator(str(tmp_path))
+    board.Reload()
+    assert [(point.step, point.value) for point in board.Scalars("train_loss")] == [
+        (1, 0.5),
+        (2, 0.25),
+    ]
     with pytest.raises(FileExistsError):
         write_metrics(rows, tmp_path)
+    again = tmp_path / "again"
+    again.mkdir()
+    write_metrics(rows, again)
+    for file in again.iterdir():  # no time and no host stand in them
+        assert file.read_bytes() == (tmp_path / file.name).read_bytes()
 
 
 def test_training_in_bfloat16_keeps_weights_in_float32_and_learns(tmp_path: Path) -> None:
