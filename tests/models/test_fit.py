@@ -204,8 +204,8 @@ def test_the_curve_is_written_as_csv_and_for_tensorboard(tmp_path: Path) -> None
     again = tmp_path / "again"
     again.mkdir()
     write_metrics(rows, again)
-    for file in again.iterdir():  # no time and no host stand in them
-        assert file.read_bytes() == (tmp_path / file.name).read_bytes()
+    for found in again.iterdir():  # no time and no host stand in them
+        assert found.read_bytes() == (tmp_path / found.name).read_bytes()
 
 
 def test_training_in_bfloat16_keeps_weights_in_float32_and_learns(tmp_path: Path) -> None:
