@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from elast_cli.data.chunks import CHUNK_ROWS, copy_chunk, storage
+from elast_cli.data.chunks import CHUNK_ROWS, copy_chunk, read_chunk, read_rows, read_whole, storage
 from elast_cli.data.safety import HDF5_ERRORS
 from elast_cli.errors import DataError
 
@@ -36,9 +36,9 @@ class Rows:
     @classmethod
     def of(cls, path: Path, columns: Mapping[str, h5py.Dataset]) -> Rows:
         """Read from the index columns. Raises DataError unless episodes fill all rows."""
-        length, offset = columns["ep_len"][:], columns["ep_offset"][:]
+        length, offset = (read_whole(columns[name]) for name in ("ep_len", "ep_offset"))
         _check_episodes(path, length, offset, len(columns["ep_idx"]))
-        return cls(path, length, offset, int(columns["ep_idx"][0]))
+        return cls(path, length, offset, int(read_chunk(columns["ep_idx"], 0)[0]))
 
     @property
     def count(self) -> int:
@@ -53,7 +53,7 @@ class Rows:
         for start in range(0, len(column), column.chunks[0]):
             stop = min(start + column.chunks[0], len(column))
             with self.naming(name, start, stop):
-                values[start:stop] = column[start:stop]
+                values[start:stop] = read_chunk(column, start)
         return values
 
     def copy(
@@ -72,7 +72,7 @@ class Rows:
                 if aligned and whole and start % size == 0:
                     copy_chunk(source, start, target, start + shift)
                 else:
-                    target[start + shift : stop + shift] = source[start:stop]
+                    target[start + shift : stop + shift] = read_rows(source, start, stop)
 
     def check_counters(self, columns: Mapping[str, h5py.Dataset]) -> None:
         """Raise DataError unless ep_idx and step_idx count episodes and steps."""

@@ -1,6 +1,9 @@
-"""Compressed chunks of images: written as they come, copied as they are stored."""
+"""Chunks of columns: compressed as they come, copied as stored, checked as they are read."""
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 import h5py
 import numpy as np
@@ -76,11 +79,49 @@ def storage(column: h5py.Dataset) -> tuple[object, ...]:
     return column.chunks, column.compression, column.shuffle, column.fletcher32
 
 
+def read_chunk(column: h5py.Dataset, start: int) -> NDArray[Any]:
+    """The values of the chunk that begins at row `start`, to its end or the column's.
+
+    The bytes come from HDF5 as they are stored; its filters would trust them. So a chunk is exactly
+    as long as its values, whatever it claims, and never takes more memory.
+
+    Raises:
+        OSError: wrong checksum, not deflated, or of another length.
+    """
+    skipped, stored = column.id.read_direct_chunk((start, *[0] * (column.ndim - 1)))
+    size = math.prod(column.chunks) * column.dtype.itemsize
+    if len(stored) < 4 or _fletcher32(stored[:-4]) != int.from_bytes(stored[-4:], "little"):
+        raise OSError("wrong checksum")
+    content: bytes = stored[:-4]
+    if column.compression and not skipped & 1:  # what gzip would lengthen is stored as it is
+        inflate = zlib_ng.decompressobj()
+        try:
+            content = inflate.decompress(content, size + 1)
+        except zlib_ng.error as reason:  # type: ignore[misc]  # its stubs call it an object
+            raise OSError(f"not deflated: {reason}") from None
+    if len(content) != size:
+        raise OSError(f"a chunk of {len(content)} bytes where {size} belong")
+    values = np.frombuffer(content, column.dtype).reshape(column.chunks)
+    return values[: len(column) - start]
+
+
+def read_rows(column: h5py.Dataset, start: int, stop: int) -> NDArray[Any]:
+    """The values of some rows, chunk by chunk. Raises OSError as `read_chunk` does."""
+    size = column.chunks[0]
+    first = start // size * size
+    pieces = [read_chunk(column, at) for at in range(first, stop, size)]
+    return np.concatenate(pieces)[start - first : stop - first]
+
+
+def read_whole(column: h5py.Dataset) -> NDArray[Any]:
+    """All values of a column. Raises OSError as `read_chunk` does."""
+    return read_rows(column, 0, len(column))
+
+
 def copy_chunk(source: h5py.Dataset, start: int, target: h5py.Dataset, place: int) -> None:
     """Copy the stored chunk of images at row `start` to row `place`. Raises OSError if damaged."""
     skipped, stored = source.id.read_direct_chunk((start, 0, 0, 0))
-    if skipped & ~1 or _fletcher32(stored[:-4]) != int.from_bytes(stored[-4:], "little"):
-        raise OSError("wrong checksum")  # bit 0: what gzip would lengthen is stored as it is
+    read_chunk(source, start)
     target.id.write_direct_chunk((place, 0, 0, 0), stored, skipped)
 
 

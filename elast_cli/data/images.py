@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from elast_cli.data.checks import Rows
-from elast_cli.data.chunks import CHUNK_ROWS
+from elast_cli.data.chunks import CHUNK_ROWS, read_chunk
 from elast_cli.data.safety import Column, open_columns
 from elast_cli.errors import DataError
 from elast_cli.shapes import Int64, Uint8
@@ -75,7 +75,7 @@ class StoredImages:
         rows.check_length(file.columns, name)
         self._file, self._name, self._rows, self._at = file, name, rows, at
         self._column: h5py.Dataset = file.columns[name]
-        self._piece = min(self._column.chunks[0], BLOCK)  # rows; a file's chunks may be any
+        self._piece = self._column.chunks[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -112,5 +112,5 @@ class StoredImages:
         """The piece that begins at a row."""
         stop = min(first + self._piece, len(self._column))
         with self._rows.naming(self._name, first, stop):
-            piece: Uint8 = self._column[first:stop]
+            piece: Uint8 = read_chunk(self._column, first)
         return piece

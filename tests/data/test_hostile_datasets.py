@@ -11,7 +11,11 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from h5py import h5d, h5p, h5s, h5t
 
+from elast_cli.data.chunks import _fletcher32
+from elast_cli.data.dataset import Dataset
+from elast_cli.errors import DataError
 from tests.toys.datasets import ROWS, SECRET, columns, refused, save
 from tests.toys.hostile import bounded
 
@@ -112,15 +116,49 @@ def inflating_chunk(file: h5py.File, other: Path) -> None:
     state.id.write_direct_chunk((0, 0), zlib.compress(bytes(50_000_000)))
 
 
-def decompression_bomb(file: h5py.File, other: Path) -> None:
+def packed_pixels(file: h5py.File, rows: int) -> h5py.Dataset:
+    """The column of frames anew, as elast writes it."""
     del file["pixels"]
-    rows = 64 * 200  # 157 MB from 160 kB
-    pixels = file.create_dataset(
-        "pixels", (rows, 64, 64, 3), np.uint8, chunks=(64, 64, 64, 3), compression="gzip"
+    chunks = (min(rows, 64), 64, 64, 3)
+    return file.create_dataset(
+        "pixels", (rows, 64, 64, 3), "u1", chunks=chunks, compression="gzip", fletcher32=True
     )
-    packed = zlib.compress(bytes(64 * 64 * 64 * 3))
-    for start in range(0, rows, 64):
+
+
+def checked(content: bytes) -> bytes:
+    """A chunk's bytes and their checksum."""
+    return content + _fletcher32(content).to_bytes(4, "little")
+
+
+def decompression_bomb(file: h5py.File, other: Path) -> None:
+    pixels = packed_pixels(file, 64 * 200)  # 157 MB from 160 kB
+    packed = checked(zlib.compress(bytes(64 * 64 * 64 * 3)))
+    for start in range(0, len(pixels), 64):
         pixels.id.write_direct_chunk((start, 0, 0, 0), packed)
+
+
+def deflated_twice(file: h5py.File, other: Path) -> None:
+    del file["pixels"]
+    pipeline = h5p.create(h5p.DATASET_CREATE)
+    pipeline.set_chunk((ROWS, 64, 64, 3))
+    for _ in range(2):
+        pipeline.set_deflate(9)
+    pipeline.set_fletcher32()
+    space = h5s.create_simple((ROWS, 64, 64, 3))
+    pixels = h5d.create(file.id, b"pixels", h5t.NATIVE_UINT8, space, pipeline)
+    content = zlib.compress(zlib.compress(bytes(ROWS * 64 * 64 * 3)))
+    pixels.write_direct_chunk((0, 0, 0, 0), checked(content))
+
+
+def chunks_across_rows(file: h5py.File, other: Path) -> None:
+    del file["state"]
+    file.create_dataset("state", (ROWS, 2), "f4", chunks=(ROWS, 1), fletcher32=True)
+    file["state"][:] = 0
+
+
+def unchecked_chunk(file: h5py.File, other: Path) -> None:
+    pixels = packed_pixels(file, ROWS)
+    pixels.id.write_direct_chunk((0, 0, 0, 0), zlib.compress(bytes(ROWS * 64 * 64 * 3)), 2)
 
 
 HDF5: dict[str, tuple[Callable[[h5py.File, Path], None], str]] = {
@@ -132,7 +170,7 @@ HDF5: dict[str, tuple[Callable[[h5py.File, Path], None], str]] = {
     "external storage": (external_storage, "pixels is not stored in chunks"),
     "a virtual column": (virtual, "state is not stored in chunks"),
     "a virtual column over a pipe": (virtual_over_a_pipe, "state is not stored in chunks"),
-    "an unknown filter": (unknown_filter, "unknown filters"),
+    "an unknown filter": (unknown_filter, "0 of 1 chunks|other filters than elast's"),
     "variable-length rows": (
         recreate(shape=(ROWS,), dtype=h5py.vlen_dtype(np.float32), chunks=(ROWS,)),
         "state has type object",
@@ -159,6 +197,9 @@ HDF5: dict[str, tuple[Callable[[h5py.File, Path], None], str]] = {
     "10 TB in a kilobyte": (shape_bomb, "declares|chunks"),
     "a chunk of 55 MB": (chunk_bomb, "pixels has chunks of"),
     "a chunk that inflates": (inflating_chunk, "longer than its content"),
+    "frames that are deflated twice": (deflated_twice, "other filters than elast's"),
+    "chunks of parts of rows": (chunks_across_rows, "not of whole rows"),
+    "a chunk without its checksum": (unchecked_chunk, "without its checksum"),
     "a decompression bomb": (decompression_bomb, "declares .* bytes and stores"),
 }
 
@@ -172,3 +213,35 @@ def test_a_hostile_dataset_is_refused(tmp_path: Path, case: str) -> None:
     with h5py.File(path, "r+", libver="latest") as file:
         change(file, other)
     refused(path, message)
+
+
+SHORT: dict[str, bytes] = {
+    "less than a checksum": b"abc",
+    "fewer bytes than values": checked(zlib.compress(bytes(1000))),
+    "more bytes than values": checked(zlib.compress(bytes(ROWS * 64 * 64 * 3 + 1))),
+    "a stream that is cut off": checked(zlib.compress(bytes(ROWS * 64 * 64 * 3))[:-40]),
+    "no stream": checked(b"0123456789"),
+    "a wrong checksum": zlib.compress(bytes(ROWS * 64 * 64 * 3)) + b"abcd",
+}
+
+
+@pytest.mark.parametrize("case", SHORT)
+def test_a_chunk_is_exactly_as_long_as_its_frames(tmp_path: Path, case: str) -> None:
+    """HDF5 itself would hand out memory that nobody has written."""
+    path = save(tmp_path / "data.h5", columns())
+    with h5py.File(path, "r+") as file:
+        packed_pixels(file, ROWS).id.write_direct_chunk((0, 0, 0, 0), SHORT[case])
+    with pytest.raises(DataError, match=r"damaged|chunk"):
+        Dataset.load(path).pixels[:]
+
+
+@pytest.mark.parametrize("content", [b"abc", checked(b""), checked(b"0" * 7)])
+def test_a_chunk_of_numbers_is_exactly_as_long_as_they_are(tmp_path: Path, content: bytes) -> None:
+    """With a checksum alone, HDF5 would read beyond the end of its memory."""
+    path = save(tmp_path / "data.h5", columns())
+    with h5py.File(path, "r+") as file:
+        del file["state"]
+        state = file.create_dataset("state", (ROWS, 2), "f4", chunks=(ROWS, 2), fletcher32=True)
+        state.id.write_direct_chunk((0, 0), content)
+    with pytest.raises(DataError, match=r"damaged|chunk"):
+        Dataset.load(path)
