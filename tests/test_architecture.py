@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "elast_cli"
 FLOORS = (  # from the ground up; a part may import those of its own floor and of lower ones
-    "errors progress seeding shapes compiled",
+    "errors progress seeding shapes compiled memory",
     "engine files",
     "config data",
     "envs evaluation models planners preset store",

@@ -23,6 +23,11 @@ from elast_cli.errors import ElastError, StorageError
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy reads it: results are those of any worker
 
+OUT_OF_MEMORY = (
+    "out of memory; the same command continues where it was: stop other programs, raise the limit "
+    "(ulimit -v), or set --workers 1, a lower --num-envs or a lower --memory"
+)
+
 app = typer.Typer(
     name="elast",
     help="Reach goals given as images: trees planned in a learned latent space.",
@@ -85,6 +90,8 @@ def run(arguments: Sequence[str]) -> int:
         return fail(_usage_error(error, arguments), error.exit_code)
     except KeyboardInterrupt:
         code = 130
+    except MemoryError:
+        return fail(OUT_OF_MEMORY, StorageError.exit_code)
     except OSError as error:
         return fail(f"I/O error: {error}", StorageError.exit_code)
     if code == 130:  # typer turns Ctrl-C into this

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
-from elast_cli.errors import DataError
+from elast_cli.errors import DataError, StorageError
+from elast_cli.memory import available
 from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.differences import WITHOUT_EFFECT
@@ -22,9 +23,10 @@ from elast_cli.store.run import Run
 
 if TYPE_CHECKING:
     from elast_cli.data.dataset import Dataset
-    from elast_cli.models.part import Reconstructions
+    from elast_cli.models.part import Reconstructions, Setting
 
 ALGORITHM_VERSION = 1
+ROOM, ROW_BYTES = 0.2e9, 300  # of networks and batches, and of a frame's numbers, latents and rows
 LEAST_TRANSITIONS = 200  # a tenth is held out; a map of the support takes 100
 RECONSTRUCTIONS_FILE = "reconstructions.png"
 
@@ -56,14 +58,11 @@ def _settings(job: Job, kind: str) -> JsonDict:
 
 
 def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict:
-    import torch
-
     from elast_cli.data.dataset import Dataset
     from elast_cli.models.files import save_model
     from elast_cli.models.fit import write_metrics
     from elast_cli.models.inputs import Inputs
     from elast_cli.models.outputs import Outputs
-    from elast_cli.models.part import Setting
     from elast_cli.models.precision import resolved
 
     began, cpu = time.monotonic(), time.process_time()
@@ -72,14 +71,8 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     dataset = Dataset.load(job.store.file(inputs[DATASET], DATASET_FILE))
     _check_contexts(job, inputs[DATASET], dataset)
     _check_size(job, inputs[DATASET], dataset)
+    setting = _setting(job, run, len(dataset.action))
     folders = {role: job.store.path(ref) for role, ref in inputs.items() if role != DATASET}
-    setting = Setting(
-        seed=job.seed,
-        work=run.work,
-        device=torch.device(job.device),
-        progress=job.progress,
-        memory_gb=job.memory_gb,
-    )
     part = part_named(kind)
     with _disk_errors():
         section = job.config.section(kind, part.section)
@@ -115,6 +108,31 @@ def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:
         )
 
 
+def _setting(job: Job, run: Run, rows: int) -> Setting:
+    """How to train on `rows` frames, with the memory that is free for images.
+
+    Raises:
+        StorageError: there is not enough for what a training takes in any case.
+    """
+    import torch
+
+    from elast_cli.models.part import Setting
+
+    need, have = ROOM + rows * ROW_BYTES, available()
+    if have < need:
+        raise StorageError(
+            f"training on {rows:,} frames takes {need / 1e9:.1f} GB of memory, {have / 1e9:.1f} GB "
+            "are free: stop other programs, raise the limit (ulimit -v), or collect fewer (--n)"
+        )
+    return Setting(
+        seed=job.seed,
+        work=run.work,
+        device=torch.device(job.device),
+        progress=job.progress,
+        memory_gb=min(job.memory_gb, (have - need) / 1e9),
+    )
+
+
 def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
     """Raise DataError unless the dataset has the context images that its environment shows."""
     from elast_cli.shapes import IMAGE_SIZE
@@ -138,6 +156,8 @@ def _disk_errors() -> Iterator[None]:
     except RuntimeError as error:  # torch.save fails once more while it closes the file
         if isinstance(error.__context__, OSError):
             raise error.__context__ from None
+        if "not enough memory" in str(error):  # torch's allocator
+            raise MemoryError from None
         raise
     except SafetensorError as error:
         found = re.search(r"os error (\d+)", str(error))
