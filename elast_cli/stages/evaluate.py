@@ -8,19 +8,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import numpy as np
-from pydantic import ValidationError
 
 from elast_cli.config import JsonDict
 from elast_cli.envs.registry import make, scenarios
 from elast_cli.envs.scenario import Scenario
 from elast_cli.evaluation.rows import EpisodeRow
-from elast_cli.files import whole_file
 from elast_cli.methods.table import method_named
 from elast_cli.progress import Within
 from elast_cli.seeding import derived_seed
+from elast_cli.stages.done_episodes import read_frames, read_row, write_frames, write_row
 from elast_cli.stages.job import (
     Job,
     RecipeJob,
@@ -82,7 +80,7 @@ def _evaluate(
     verify_files(job.store, inputs)  # once, before any worker reads them
     every = [scenario for level in levels for scenario in _scenarios(job, level)]
     _run_missing(job, method, inputs, every, run.work)
-    rows = [row for s in every if (row := _read_row(run.work, s.level, s.index))]
+    rows = [row for s in every if (row := read_row(run.work, s.level, s.index))]
     assert len(rows) == len(every)
     for level in levels:
         _draw(run, method, level, [row for row in rows if row.level == level])
@@ -99,7 +97,7 @@ def _run_missing(
     job: Job, method: str, inputs: Mapping[str, Ref], every: Sequence[Scenario], folder: Path
 ) -> None:
     """Run those episodes whose row is not in `folder`; progress counts steps of their budgets."""
-    missing = [s for s in every if _read_row(folder, s.level, s.index) is None]
+    missing = [s for s in every if read_row(folder, s.level, s.index) is None]
     total, left = (sum(_budget(job, s) for s in some) for some in (every, missing))
     chunks = _chunks(job, method, inputs, missing, folder)
     with (
@@ -177,13 +175,20 @@ def _run_chunk(chunk: _Chunk) -> None:
             keep_frames=True,
             advance=advance,
         )
+    _keep(chunk, traces)
+
+
+def _keep(chunk: _Chunk, traces: Sequence[Trace]) -> None:
+    """Put episodes on disk, with the frames of those that may be drawn."""
     kept: set[bool] = set()  # the first success and the first failure are drawn
     for scenario, trace in zip(chunk.scenarios, traces, strict=True):
         success = trace.steps is not None
         if success not in kept:
             kept.add(success)
-            _write_frames(chunk.folder, scenario, trace)
-        _write_row(chunk.folder, _row(job, chunk.method, scenario, trace))
+            assert trace.frames is not None
+            where = chunk.folder, scenario.level, scenario.index
+            write_frames(*where, trace.frames, trace.goal)
+        write_row(chunk.folder, _row(chunk.job, chunk.method, scenario, trace))
 
 
 def plan_seed(job: Job, scenario: Scenario) -> int:
@@ -216,48 +221,16 @@ def _row(job: Job, method: str, scenario: Scenario, trace: Trace) -> EpisodeRow:
     )
 
 
-def _row_path(folder: Path, level: str, index: int) -> Path:
-    return folder / f"{level}-{index:06d}.json"
-
-
-def _write_row(folder: Path, row: EpisodeRow) -> None:
-    """Put an episode's row on disk, whole or not at all."""
-    with whole_file(_row_path(folder, row.level, row.episode_ix)) as file:
-        file.write(row.model_dump_json().encode())
-
-
-def _read_row(folder: Path, level: str, index: int) -> EpisodeRow | None:
-    """An episode's row; None where there is none, or a damaged one: then it is run again."""
-    try:
-        return EpisodeRow.model_validate_json(_row_path(folder, level, index).read_bytes())
-    except (FileNotFoundError, ValidationError):
-        return None
-
-
-def _frames_path(folder: Path, level: str, index: int) -> Path:
-    return folder / f"{level}-{index:06d}.npz"
-
-
-def _write_frames(folder: Path, scenario: Scenario, trace: Trace) -> None:
-    assert trace.frames is not None
-    with whole_file(_frames_path(folder, scenario.level, scenario.index)) as file:
-        np.savez_compressed(file, frames=trace.frames, goal=trace.goal)
-
-
 def _draw(run: Run, method: str, level: str, rows: Iterable[EpisodeRow]) -> None:
     """A film strip and an animation of the first success and of the first failure."""
     from elast_cli.pictures.film import animation, film_strip
 
     left = {True: "success", False: "failure"}
     for row in rows:
-        path = _frames_path(run.work, level, row.episode_ix)
-        if row.success not in left or not path.exists():
+        shown = read_frames(run.work, level, row.episode_ix) if row.success in left else None
+        if shown is None:
             continue
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                frames, goal = arrays["frames"], arrays["goal"]
-        except (BadZipFile, KeyError, ValueError):
-            continue  # damaged on disk: another episode is shown
+        frames, goal = shown
         name = left.pop(row.success)
         caption = f"{method}, {row.env} {level} {row.episode_ix}: {name}"
         pictures: Any = run.staging / f"{level}-{name}"
