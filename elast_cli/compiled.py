@@ -23,10 +23,15 @@ MADE = "ELAST_COMPILED"  # the temporary folder, where one was made
 
 def place() -> str:
     """Where compiled code is kept, in words; the first call makes a temporary folder if need be."""
-    asked = os.environ.get(VARIABLE)
-    for folder in (asked, str(Path(__file__).parent / "__pycache__"), "~/.cache/numba"):
-        if folder and _writable(folder):
-            return folder
+    if (asked := os.environ.get(VARIABLE)) and _writable(asked):
+        return asked
+    beside = str(Path(__file__).parent / "__pycache__")
+    if _writable(beside):
+        return beside
+    cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    if _writable(cache := f"{cache}/elast-compiled"):
+        os.environ[VARIABLE] = cache = str(Path(cache).expanduser())
+        return cache
     try:
         made = tempfile.mkdtemp(prefix="elast-compiled-")  # nobody else can write to it
     except OSError:

@@ -21,12 +21,19 @@ def _machine() -> float:
 def _group() -> float:
     """What is left of a container's share (control groups, version 2 or 1)."""
     left = float("inf")
-    for most, used in (
-        (GROUP / "memory.max", GROUP / "memory.current"),
-        (GROUP / "memory/memory.limit_in_bytes", GROUP / "memory/memory.usage_in_bytes"),
+    for folder, most, used, cached in (
+        (GROUP, "memory.max", "memory.current", "inactive_file"),
+        (
+            GROUP / "memory",
+            "memory.limit_in_bytes",
+            "memory.usage_in_bytes",
+            "total_inactive_file",
+        ),
     ):
         try:
-            left = min(left, int(most.read_text()) - int(used.read_text()))
+            taken = int((folder / used).read_text())
+            taken -= int(_entry(folder / "memory.stat", cached))  # files that can be read again
+            left = min(left, int((folder / most).read_text()) - taken)
         except (OSError, ValueError):  # ValueError: "max"
             continue
     return left
@@ -43,10 +50,16 @@ def _limit() -> float:
 
 def _kilobytes(path: Path, name: str) -> float:
     """An entry of a file of the system, in bytes; infinite if it is not there."""
+    return 1024 * _entry(path, name, missing=float("inf"))
+
+
+def _entry(path: Path, name: str, *, missing: float = 0) -> float:
+    """The number behind a name in a file of the system."""
     try:
         for line in path.read_text().splitlines():
-            if line.startswith(name):
-                return int(line.split()[1]) * 1024
-    except (OSError, ValueError, IndexError):
+            words = line.split()
+            if len(words) > 1 and words[0] == name:
+                return int(words[1])
+    except (OSError, ValueError):
         pass
-    return float("inf")
+    return missing

@@ -14,6 +14,9 @@ from hypothesis import settings
 
 from tests.toys.tables import kept_tables
 
+for _name in [name for name in os.environ if name.startswith("GIT_")]:
+    del os.environ[_name]  # a git hook's: tests make repositories of their own
+
 # The same examples in every run, so that a red test is red again. HYPOTHESIS_PROFILE=search looks
 # for new ones, and prints a seed to keep as an @example.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

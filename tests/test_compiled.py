@@ -23,18 +23,28 @@ def clean(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
-def test_code_is_kept_beside_the_package(clean: pytest.MonkeyPatch) -> None:
-    found = place()
-    assert Path(found).parent == Path(compiled.__file__).parent
+def test_code_is_kept_beside_the_package(clean: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    clean.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
+    assert place() == str(tmp_path / "__pycache__")
     assert VARIABLE not in os.environ
 
 
 def test_what_the_user_asks_for_comes_first(clean: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    clean.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
     clean.setenv(VARIABLE, str(tmp_path / "mine"))
     assert place() == str(tmp_path / "mine")
     (tmp_path / "file").touch()
     clean.setenv(VARIABLE, str(tmp_path / "file" / "below"))  # no folder can be there
-    assert Path(place()).parent == Path(compiled.__file__).parent
+    assert place() == str(tmp_path / "__pycache__")
+
+
+def test_a_package_of_somebody_else_leaves_the_users_cache(
+    clean: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "__pycache__").touch()  # no folder
+    clean.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
+    clean.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert place() == os.environ[VARIABLE] == str(tmp_path / "cache" / "elast-compiled")
 
 
 def test_where_nothing_can_be_written_a_private_folder_is_made(
@@ -64,7 +74,9 @@ def test_without_a_place_functions_work_and_nothing_is_kept(
     assert not list(tmp_path.iterdir())
 
 
-def test_compiling_is_told_once_and_only_if_it_happens() -> None:
+def test_compiling_is_told_once_and_only_if_it_happens(clean: pytest.MonkeyPatch) -> None:
+    clean.setattr(compiled, "PLACE", "somewhere")
+
     @njit()
     def total(x: np.ndarray) -> float:
         return x.sum()  # type: ignore[no-any-return]

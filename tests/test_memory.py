@@ -24,6 +24,8 @@ def test_the_least_of_all_bounds_counts(tmp_path: Path, monkeypatch: pytest.Monk
     assert memory._group() == float("inf")
     (tmp_path / "memory.max").write_text("1007\n")
     assert memory.available() == 1000
+    (tmp_path / "memory.stat").write_text("anon 1\ninactive_file 5\n")
+    assert memory.available() == 1005  # files that can be read again are not in the way
     (tmp_path / "memory.max").write_text("what?\n")
     assert memory._group() == float("inf")
 

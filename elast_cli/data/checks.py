@@ -36,9 +36,13 @@ class Rows:
     @classmethod
     def of(cls, path: Path, columns: Mapping[str, h5py.Dataset]) -> Rows:
         """Read from the index columns. Raises DataError unless episodes fill all rows."""
-        length, offset = (read_whole(columns[name]) for name in ("ep_len", "ep_offset"))
+        try:
+            length, offset = (read_whole(columns[name]) for name in ("ep_len", "ep_offset"))
+            first = int(read_chunk(columns["ep_idx"], 0)[0])
+        except HDF5_ERRORS as reason:
+            raise DataError(f"{path}: ep_len, ep_offset or ep_idx is damaged: {reason}") from None
         _check_episodes(path, length, offset, len(columns["ep_idx"]))
-        return cls(path, length, offset, int(read_chunk(columns["ep_idx"], 0)[0]))
+        return cls(path, length, offset, first)
 
     @property
     def count(self) -> int:

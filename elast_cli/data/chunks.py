@@ -88,7 +88,18 @@ def read_chunk(column: h5py.Dataset, start: int) -> NDArray[Any]:
     Raises:
         OSError: wrong checksum, not deflated, or of another length.
     """
-    skipped, stored = column.id.read_direct_chunk((start, *[0] * (column.ndim - 1)))
+    values: NDArray[Any] = _values(column, *_stored(column, start))
+    return values[: len(column) - start]
+
+
+def _stored(column: h5py.Dataset, start: int) -> tuple[int, bytes]:
+    """Which filters a chunk left out, as bits, and its bytes as they are stored."""
+    found: tuple[int, bytes] = column.id.read_direct_chunk((start, *[0] * (column.ndim - 1)))
+    return found
+
+
+def _values(column: h5py.Dataset, skipped: int, stored: bytes) -> NDArray[Any]:
+    """The values in a stored chunk. Raises OSError as `read_chunk` does."""
     size = math.prod(column.chunks) * column.dtype.itemsize
     if len(stored) < 4 or _fletcher32(stored[:-4]) != int.from_bytes(stored[-4:], "little"):
         raise OSError("wrong checksum")
@@ -101,8 +112,7 @@ def read_chunk(column: h5py.Dataset, start: int) -> NDArray[Any]:
             raise OSError(f"not deflated: {reason}") from None
     if len(content) != size:
         raise OSError(f"a chunk of {len(content)} bytes where {size} belong")
-    values = np.frombuffer(content, column.dtype).reshape(column.chunks)
-    return values[: len(column) - start]
+    return np.frombuffer(content, column.dtype).reshape(column.chunks)
 
 
 def read_rows(column: h5py.Dataset, start: int, stop: int) -> NDArray[Any]:
@@ -120,8 +130,8 @@ def read_whole(column: h5py.Dataset) -> NDArray[Any]:
 
 def copy_chunk(source: h5py.Dataset, start: int, target: h5py.Dataset, place: int) -> None:
     """Copy the stored chunk of images at row `start` to row `place`. Raises OSError if damaged."""
-    skipped, stored = source.id.read_direct_chunk((start, 0, 0, 0))
-    read_chunk(source, start)
+    skipped, stored = _stored(source, start)
+    _values(source, skipped, stored)
     target.id.write_direct_chunk((place, 0, 0, 0), stored, skipped)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elast_cli.data.checks import Rows
-from elast_cli.data.chunks import CHUNK_ROWS
+from elast_cli.data.chunks import CHUNK_ROWS, read_rows
 from elast_cli.data.images import OpenFile, StoredImages
 from elast_cli.data.newfile import NewFile
 from elast_cli.data.safety import Column, open_columns
@@ -217,6 +217,8 @@ def column_digests(path: Path) -> dict[str, str]:
         for name, column in columns.items():
             digest = hashlib.sha256(f"{column.dtype.str} {column.shape}".encode())
             for start in range(0, len(column), CHUNK_ROWS):
-                digest.update(column[start : start + CHUNK_ROWS].tobytes())
+                digest.update(
+                    read_rows(column, start, min(start + CHUNK_ROWS, len(column))).tobytes()
+                )
             digests[name] = digest.hexdigest()
     return digests

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from elast_cli.engine.base import K, R, T
-from elast_cli.engine.relay import SPAWN, relayed
+from elast_cli.engine.relay import relayed, spawn
 from elast_cli.errors import UnavailableError
 from elast_cli.progress import Progress
 
@@ -121,7 +121,7 @@ def usable_cores() -> int:
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool that does not outlive the block, whatever ends it."""
-    pool = ProcessPoolExecutor(workers, mp_context=SPAWN, initializer=_begin_worker)
+    pool = ProcessPoolExecutor(workers, mp_context=spawn(), initializer=_begin_worker)
     try:
         yield pool
     except BaseException:

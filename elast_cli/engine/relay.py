@@ -2,19 +2,52 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from elast_cli.progress import Advance, Progress
 
-# A worker starts in the working directory: it must not take `random.py` there for a library.
-os.environ["PYTHONSAFEPATH"] = "1"
-SPAWN = multiprocessing.get_context("spawn")  # fork is unsafe once torch or a renderer has threads
+SAFE_PATH = "PYTHONSAFEPATH"
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """A process that starts does not take `random.py` in the working directory for a library."""
+    kept = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[SAFE_PATH]
+        if kept is not None:
+            os.environ[SAFE_PATH] = kept
+
+
+class _Worker(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> Any:  # its name in the library
+        with _safe_path():
+            return SpawnProcess._Popen(process_obj)
+
+
+class _Spawn(SpawnContext):
+    """Fork is unsafe once torch or a renderer has threads."""
+
+    Process = _Worker
+
+
+def spawn() -> SpawnContext:
+    """How processes are started: afresh, and importing nothing from the working directory."""
+    with _safe_path():
+        resource_tracker.ensure_running()  # a process, too
+    return _Spawn()
 
 
 class _Queue(Protocol):
@@ -70,7 +103,7 @@ def relayed(progress: Progress, *, wanted: bool = True) -> Iterator[Progress]:
     if not wanted:
         yield progress
         return
-    with SPAWN.Manager() as manager:
+    with spawn().Manager() as manager:
         queue = manager.Queue()
         listener = threading.Thread(target=_listen, args=(queue, progress), daemon=True)
         listener.start()

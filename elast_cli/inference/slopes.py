@@ -25,7 +25,7 @@ class MeanSlopes:
     def __call__(self, x: Float32, inputs: int) -> Float32:
         """Slopes [M,out,inputs] at x [M,in], by the first `inputs` of the inputs.
 
-        Items of one call may share bits of rounding; equal calls give equal results.
+        The last bits of an item may depend on the others in its call.
         """
         y: Float32 = x
         active: list[Bool] = []  # of each hidden layer, which units [E,M,width] are on

@@ -54,7 +54,7 @@ def explain_plan(
     began = time.perf_counter()
     search = trees.grow(query)
     plan = search.best_plan()
-    if whole is not trees:  # it grows the same tree once more
+    if whole is not trees:  # without a time budget it grows the same tree once more
         began = time.perf_counter()
         plan = whole.plan(query)
     seconds = time.perf_counter() - began
@@ -64,7 +64,7 @@ def explain_plan(
     nearest, _ = _nearest(models, states)
     figures: JsonDict = {
         "reached": bool(plan.reached[0]),
-        "refined": nodes is None,
+        "path_by": "tree" if nodes else "shooting",  # or by π, where no tree could grow
         "steps": len(states) - 1,
         "seconds": seconds,
         "nodes": size,

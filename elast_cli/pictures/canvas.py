@@ -7,8 +7,9 @@ The same data give the same bytes. Colours are colour-blind safe, one per method
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,8 +112,8 @@ def figure_png(path: Path, width: float, height: float) -> Iterator[Figure]:
 
     The user's own matplotlib settings are left out, and so are time and version stamps.
     """
-    with _no_backend():
-        from matplotlib import style
+    _import_matplotlib()
+    from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -123,12 +124,14 @@ def figure_png(path: Path, width: float, height: float) -> Iterator[Figure]:
         figure.savefig(path, format="png", metadata={"Software": None})
 
 
-@contextmanager
-def _no_backend() -> Iterator[None]:
-    """MPLBACKEND hidden: a notebook sets it to a module that need not be there."""
+def _import_matplotlib() -> None:
+    """Import it, whatever MPLBACKEND names: what a notebook sets it to need not be there."""
+    if "matplotlib" in sys.modules:
+        return
     kept = os.environ.pop("MPLBACKEND", None)
-    try:
-        yield
-    finally:
-        if kept is not None:
-            os.environ["MPLBACKEND"] = kept
+    import matplotlib
+
+    if kept is not None:
+        os.environ["MPLBACKEND"] = kept
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = kept  # as the import would have done

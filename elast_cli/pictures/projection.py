@@ -78,13 +78,15 @@ def _isomap(chosen: Doubles, rows: Doubles) -> Doubles | None:
         if np.isinf(geodesic).any():
             continue
         fitted, scaling = _scaled(geodesic)
+        mean = (geodesic**2).mean(axis=0)
         xy = np.empty((len(rows), 2))
         for start in range(0, len(rows), _CHUNK):
             distance, near = tree.query(rows[start : start + _CHUNK], neighbours)
             through = distance[:, 0, None] + geodesic[near[:, 0]]
             for k in range(1, neighbours):
                 np.minimum(through, distance[:, k, None] + geodesic[near[:, k]], out=through)
-            xy[start : start + _CHUNK] = (through**2 - (geodesic**2).mean(axis=0)) @ scaling
+            squared = through**2 - mean
+            xy[start : start + _CHUNK] = (squared - squared.mean(1, keepdims=True)) @ scaling
         return _oriented(xy, fitted)
     return None
 
@@ -105,7 +107,8 @@ def _along_graph(distance: Doubles, near: NDArray[np.intp]) -> Doubles:
 def _scaled(geodesic: Doubles) -> tuple[Doubles, Doubles]:
     """Classical scaling of distances [L, L]: places [L, 2], and what places another row [L, 2].
 
-    A row whose squared distances to the landmarks are d lies at (d - mean of theirs) @ scaling.
+    A row lies at x @ scaling: x are its squared distances to the landmarks, less the mean of
+    theirs, and centred. Along an axis that the data do not have, all is 0.
     """
     from scipy.linalg import eigh
 
@@ -114,8 +117,10 @@ def _scaled(geodesic: Doubles) -> tuple[Doubles, Doubles]:
     gram = -0.5 * (squared - mean - mean[:, None] + mean.mean())
     last = len(gram) - 1
     values, vectors = eigh(gram, subset_by_index=(last - 1, last))
-    values, vectors = np.maximum(values[::-1], 1e-12), vectors[:, ::-1]
-    return vectors * np.sqrt(values), -0.5 * vectors / np.sqrt(values)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    root = np.sqrt(np.where(values > 1e-9 * values[0], values, 0))
+    inverse = np.divide(1, root, out=np.zeros_like(root), where=root > 0)
+    return vectors * root, -0.5 * vectors * inverse
 
 
 def _pca(chosen: Doubles, rows: Doubles) -> Doubles:

@@ -128,7 +128,7 @@ class World(Protocol):
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
         """How the next latent of H_f moves with latent and action in scenario `row`: [M,Z,Z+A].
 
-        Items of one call may share bits of rounding; equal calls give equal results.
+        The last bits of an item may depend on the others in its call.
         """
         ...
 

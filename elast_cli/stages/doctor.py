@@ -131,7 +131,8 @@ def _compiled() -> Check:
     """Where machine code is kept."""
     if PLACE and os.environ.get(MADE) != PLACE:
         return Check("compiled code", "ok", f"kept in {PLACE}")
-    found = "kept for one run only: neither the package nor ~/.cache can be written to"
+    how = "for one run only" if PLACE else "nowhere"
+    found = f"kept {how}: neither the package nor the user's cache can be written to"
     return Check("compiled code", "warn", found, f"export {VARIABLE}=FOLDER")
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 ALGORITHM_VERSION = 1
 ROOM, ROW_BYTES = 0.2e9, 300  # of networks and batches, and of a frame's numbers, latents and rows
-LEAST_TRANSITIONS = 200  # a tenth is held out; a map of the support takes 100
+LEAST_TRANSITIONS = 200  # a tenth is held out, and the ensemble keeps 100 states at least
 RECONSTRUCTIONS_FILE = "reconstructions.png"
 
 
@@ -100,11 +100,13 @@ def _draw(shown: Reconstructions, path: Path) -> None:
 def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:
     """Raise DataError if there is too little to train on and to hold out."""
     transitions = int((dataset.ep_len - 1).sum())
-    if transitions < LEAST_TRANSITIONS or dataset.episodes < 2:
+    run = f"run: elast collect {job.flags()} --n {max(LEAST_TRANSITIONS, 2 * transitions)}"
+    if dataset.episodes < 2:
+        raise DataError(f"{ref}: it has one episode, and training holds one out; {run}")
+    if transitions < LEAST_TRANSITIONS:
         raise DataError(
-            f"{ref}: {transitions} transitions in {dataset.episodes} episodes are too few: "
-            f"training takes at least {LEAST_TRANSITIONS}, in 2 episodes or more; "
-            f"run: elast collect {job.flags()} --n {max(LEAST_TRANSITIONS, 2 * transitions)}"
+            f"{ref}: {transitions} transitions are too few: training takes at least "
+            f"{LEAST_TRANSITIONS}; {run}"
         )
 
 

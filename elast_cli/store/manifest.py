@@ -128,7 +128,10 @@ class Manifest(StrictModel):
 
     @property
     def identity(self) -> str:
-        """SHA-256 of recipe and files: what the artifact is, not when and where it was made."""
+        """SHA-256 of recipe and files: what the artifact is, not when and where it was made.
+
+        Data and models that are made again have the same. Plans and evaluations hold seconds.
+        """
         files = {name: entry.sha256 for name, entry in self.files.items()}
         text = json.dumps([self.recipe_digest, files], sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()

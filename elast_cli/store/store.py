@@ -95,7 +95,7 @@ class Store:
         return self._read(ref)[0]
 
     def digest(self, ref: Ref) -> str:
-        """Names the artifact's exact content: one that is made again from the same has the same."""
+        """Names the artifact's exact content: data and models that are made again have the same."""
         return self.manifest(ref).identity
 
     def digests(self, ref: Ref) -> set[str]:
@@ -108,8 +108,11 @@ class Store:
         found = {}
         for role, recorded in self.manifest(ref).parents.items():
             parent = Ref.parse(recorded.ref)
-            same = self.path(parent).exists() and recorded.digest in self.digests(parent)
-            found[role] = self.digest(parent) if same else recorded.digest
+            try:
+                same = recorded.digest in self.digests(parent)
+                found[role] = self.digest(parent) if same else recorded.digest
+            except (DataError, MissingInputError):  # damaged or lost: no matter here
+                found[role] = recorded.digest
         return found
 
     def file(self, ref: Ref, name: str) -> Path:

@@ -73,12 +73,21 @@ def test_reconstructions_stand_below_their_images(tmp_path: Path) -> None:
     assert not shows(image[middle:], "#dc3c28")
 
 
-def test_a_notebooks_backend_that_is_not_there_does_not_matter(tmp_path: Path) -> None:
+@pytest.mark.parametrize("backend", ["module://not.there", "no such backend", "svg"])
+def test_a_notebooks_backend_need_not_be_there_and_stays(tmp_path: Path, backend: str) -> None:
     code = (
-        "import numpy as np, pathlib\n"
+        "import numpy as np, os, pathlib\n"
         "from elast_cli.pictures.film import film_strip\n"
-        "film_strip(np.zeros((2, 8, 8, 3), 'u1'), np.zeros((8, 8, 3), 'u1'), pathlib.Path('a.png'))"
+        "frames = np.zeros((2, 8, 8, 3), 'u1')\n"
+        "film_strip(frames, frames[0], pathlib.Path('a.png'))\n"
+        "import matplotlib\n"
+        "print(os.environ['MPLBACKEND'], matplotlib.rcParams._get_backend_or_none())"
     )
-    environment = {**os.environ, "MPLBACKEND": "module://not.there"}
-    subprocess.run([sys.executable, "-c", code], env=environment, cwd=tmp_path, check=True)
+    environment = {**os.environ, "MPLBACKEND": backend}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith(backend)
+    assert backend != "svg" or ran.stdout == "svg svg\n"
     assert (tmp_path / "a.png").stat().st_size > 0

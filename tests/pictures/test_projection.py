@@ -46,6 +46,16 @@ def test_rows_are_placed_among_landmarks_of_other_data() -> None:
     )
 
 
+@pytest.mark.parametrize("noise", [0, 1e-9, 1e-6])
+def test_what_lies_along_a_line_is_drawn_along_a_line(noise: float) -> None:
+    rng = np.random.default_rng(0)
+    along = rng.uniform(0, 4, 800)
+    latents = along[:, None] * np.array([0.6, 0.8, 0]) + noise * rng.normal(size=(800, 3))
+    xy, _ = project_2d(latents, landmarks=300)
+    assert np.ptp(xy[:, 0]) == pytest.approx(np.ptp(along), rel=0.02)
+    assert np.ptp(xy[:, 1]) < 0.02
+
+
 def test_data_in_pieces_fall_back_to_pca() -> None:
     rng = np.random.default_rng(0)
     pieces = np.concatenate([rng.normal(size=(80, 3)), rng.normal(size=(80, 3)) + 100])

@@ -92,7 +92,7 @@ def test_where_shooting_refines_the_path_it_is_the_refined_one_that_is_explained
     tree = json.loads(capsys.readouterr().out)["plan"]
     assert run_in(one, [*arguments, "--set", "planner.refine.iterations=8"]) == 0
     plan = json.loads(capsys.readouterr().out)["plan"]
-    assert (tree["refined"], plan["refined"]) == (False, True)
+    assert (tree["path_by"], plan["path_by"]) == ("tree", "shooting")
     assert plan["nodes"] == tree["nodes"]
     assert {entry["node"] for entry in plan["path"]} == {None}
     assert plan["steps"] == len(plan["path"]) - 1

@@ -115,6 +115,6 @@ def test_threads_and_device_are_no_part_of_a_dataset(job: Job) -> None:
 def test_too_little_to_train_on_is_refused_before_training(job: Job) -> None:
     collect.recipe_job(job).carry_out()
     training = train.recipe_job(job, "encoder")
-    with pytest.raises(DataError, match=r"60 transitions in 6 episodes.* at least 200.*--n 200$"):
+    with pytest.raises(DataError, match=r"60 transitions are too few.* at least 200.*--n 200$"):
         training.carry_out()
     assert not job.store.refs(kind="encoder")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from elast_cli.config import dump_yaml, parse_yaml, read_yaml
 from elast_cli.errors import UsageError
+from elast_cli.store import manifest
 from elast_cli.store.manifest import MANIFEST, MANIFEST_DIGEST, Recipe, Ref, provenance
 from elast_cli.store.store import Store
 from tests.toys.artifacts import publish, recipe
@@ -108,7 +109,7 @@ def test_recipes_of_committed_models_still_have_their_digests(path: Path) -> Non
 def test_a_git_hook_of_another_repository_does_not_name_the_commit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    alone = provenance().get("git_commit")
+    alone = provenance().get("git_commit", "none")
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     words = [
         "-c",
@@ -124,4 +125,5 @@ def test_a_git_hook_of_another_repository_does_not_name_the_commit(
     subprocess.run(["git", "-C", str(tmp_path), *words], check=True)
     monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))
     monkeypatch.setenv("GIT_WORK_TREE", str(tmp_path))
-    assert provenance().get("git_commit") == alone
+    assert provenance().get("git_commit", "none") == alone
+    assert manifest._git_state(tmp_path)["git_commit"] != alone  # that repository has one

@@ -11,7 +11,7 @@ ROOM = 4  # times as slow as the machine that a bound was set on
 
 @contextmanager
 def soon(seconds: float = 1) -> Iterator[None]:
-    """Whether the block takes less CPU time than that, with room for a slower machine."""
+    """Fail unless the block takes less CPU time than that, times ROOM."""
     began = time.process_time()
     yield
     assert time.process_time() - began < ROOM * seconds
