@@ -74,6 +74,7 @@ def machine() -> dict[str, JsonValue]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "git_commit": _git_commit(),
         "processor": _processor(),
+        "instructions": _instructions(),
         "cores": os.cpu_count(),
         "load_before": [round(load, 2) for load in os.getloadavg()],
         "platform": platform.platform(),
@@ -114,8 +115,8 @@ def report(document: Document) -> str:
     return f"""# Speed
 
 Written by `{command}`, {facts["date"]}, commit {facts["git_commit"]}, on {facts["cores"]} cores of
-{facts["processor"]} (load {facts["load_before"]} when it began), {", ".join(words)}. Every figure
-is a ratio of times of this one run. Times are CPU seconds of one thread; those of `collection` and
+{facts["processor"]} ({facts["instructions"]}; load {facts["load_before"]} when it began),
+{", ".join(words)}. Every figure is a ratio of times of this one run. Times are CPU seconds of one thread; those of `collection` and
 `rrt_star` are wall seconds.
 
 {table(document)}"""
@@ -146,6 +147,14 @@ def _git_commit() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()
+
+
+def _instructions() -> str:
+    """The vector instructions of torch and of the compiled kernels; the environment sets both."""
+    import torch
+
+    kernels = os.environ.get("NUMBA_CPU_NAME", "the processor's own")
+    return f"torch {torch.backends.cpu.get_cpu_capability()}, kernels {kernels}"
 
 
 def _processor() -> str:

@@ -174,9 +174,17 @@ def test_the_document_is_one_versioned_json_and_a_table_beside_it(tmp_path: Path
     command.write(document, tmp_path / "new/bench.json")
     data = json.loads((tmp_path / "new/bench.json").read_text())
     assert data["version"] == 1
-    assert {"date", "git_commit", "processor", "cores", "python", "numpy", "torch", "numba"} <= set(
-        data["machine"]
-    )
+    assert {
+        "date",
+        "git_commit",
+        "processor",
+        "instructions",
+        "cores",
+        "python",
+        "numpy",
+        "torch",
+        "numba",
+    } <= set(data["machine"])
     assert Document.model_validate_json((tmp_path / "new/bench.json").read_text()) == document
     assert (tmp_path / "new/bench.md").read_text() == report(document)
     lines = table(document).splitlines()
