@@ -116,8 +116,8 @@ def report(document: Document) -> str:
 
 Written by `{command}`, {facts["date"]}, commit {facts["git_commit"]}, on {facts["cores"]} cores of
 {facts["processor"]} ({facts["instructions"]}; load {facts["load_before"]} when it began),
-{", ".join(words)}. Every figure is a ratio of times of this one run. Times are CPU seconds of one thread; those of `collection` and
-`rrt_star` are wall seconds.
+{", ".join(words)}. Every figure is a ratio of times of this one run.
+Times are CPU seconds of one thread; those of `collection` and `rrt_star` are wall seconds.
 
 {table(document)}"""
 
