@@ -23,8 +23,9 @@ from elast_cli.shapes import Float32, Float64, Int64
 DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the former do not help
 FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
 ROUNDS = 3  # in which actions at their bounds are found
-CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more
-LEAST_GAIN = 0.03  # share of the squared gap below which another iteration is not worth it
+CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more; and for each step of a path
+CLOSE_A_STEP = 0.015  # so much: before it is at its end, it is refined again
+LEAST_GAIN = 0.01  # share of the squared gap below which another iteration is not worth it
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,8 @@ def refined(world: World, paths: Sequence[Shot], *, unit: float, iterations: int
 
 
 def _finished(path: Shot, unit: float) -> bool:
-    return path.done or not len(path.actions) or path.gap <= CLOSE * unit
+    close = max(CLOSE, CLOSE_A_STEP * len(path.actions))
+    return path.done or not len(path.actions) or path.gap <= close * unit
 
 
 def _slope(world: World, path: Shot) -> Float64:

@@ -289,3 +289,13 @@ def test_where_no_tree_can_grow_the_policy_leads_towards_the_goal() -> None:
     plan = planner(Shut(wall=False)).plan(query)
     assert (plan.length > 1).all()
     assert (gaps(query, plan) < np.linalg.norm(query.start - query.goal, axis=1)).all()
+
+
+@pytest.mark.parametrize(("length", "polished"), [(4, True), (40, False)])
+def test_a_long_path_is_not_polished_before_its_end_comes(length: int, polished: bool) -> None:
+    start, unit = np.zeros(3, np.float32), 0.2
+    before = shot(bent, start, drive(length), start)
+    goal = before.states[-1] + np.array([0, 0, 0.4 * unit], np.float32)
+    before = shot(bent, start, drive(length), goal)
+    after = refined(bent, before, unit=unit, iterations=1)
+    assert (after.gap < before.gap) == polished
