@@ -43,14 +43,8 @@ def project_2d(
     Raises:
         ValueError: `latents` is no finite [N, Z] array.
     """
-    rows = np.asarray(latents, dtype=np.float64)
-    base = rows if fit is None else np.asarray(fit, dtype=np.float64)
-    if (
-        rows.ndim != 2
-        or base.ndim != 2
-        or not (np.isfinite(rows).all() and np.isfinite(base).all())
-    ):
-        raise ValueError(f"latents must be finite [N, Z], got shape {rows.shape}")
+    rows = _finite(latents)
+    base = rows if fit is None else _finite(fit)
     drawn = np.random.default_rng(seed).permutation(len(base))[:landmarks]
     chosen = base[np.sort(drawn)]
     if method == "isomap":
@@ -58,6 +52,14 @@ def project_2d(
         if xy is not None:
             return xy, "isomap"
     return _pca(chosen, rows), "pca"
+
+
+def _finite(latents: Floats) -> Doubles:
+    """Latents [N, Z] in double precision; ValueError if they are no finite table."""
+    rows = np.asarray(latents, dtype=np.float64)
+    if rows.ndim != 2 or not np.isfinite(rows).all():
+        raise ValueError(f"latents must be finite [N, Z], got shape {rows.shape}")
+    return rows
 
 
 def _isomap(chosen: Doubles, rows: Doubles) -> Doubles | None:

@@ -39,9 +39,8 @@ def propose(
     z = np.empty((parent.size, forest.latent.shape[2]), np.float32)
     for r in range(parent.shape[0]):
         for k in range(parent.shape[1]):
-            node = parent[r, k]
-            own, new = forest.action[rows[r], node], action[r, k]
-            z[r * parent.shape[1] + k] = forest.latent[rows[r], node]
+            own, new = forest.action[rows[r], parent[r, k]], action[r, k]
+            z[r * parent.shape[1] + k] = forest.latent[rows[r], parent[r, k]]
             reach, moved = np.float32(1e-6), False
             for d in range(size):
                 new[d] = np.float32(2 * draws[r, k, DIRECTION + d] - 1)
