@@ -22,7 +22,7 @@ MADE = "ELAST_COMPILED"  # the temporary folder, where one was made
 
 
 def place() -> str:
-    """Where compiled code is kept, in words; the first call makes a temporary folder if need be."""
+    """The folder where compiled code is kept, made if need be; "" if there is none."""
     if (asked := os.environ.get(VARIABLE)) and _writable(asked):
         return asked
     beside = str(Path(__file__).parent / "__pycache__")

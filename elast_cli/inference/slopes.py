@@ -7,6 +7,7 @@ So a layer's product takes a sixth of the arithmetic, at the price of picking it
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,11 @@ class MeanSlopes:
     def __init__(self, layers: Sequence[tuple[Float32, Float32]]) -> None:
         """Take the layers as weights [E,in,out] and biases [E,out]."""
         self._layers = list(layers)
-        self._back = [np.ascontiguousarray(weight.transpose(0, 2, 1)) for weight, _ in layers]
+
+    @cached_property
+    def _back(self) -> list[Float32]:
+        """Weights [E,out,in] of each layer; made when first asked for, since few tasks shoot."""
+        return [np.ascontiguousarray(weight.transpose(0, 2, 1)) for weight, _ in self._layers]
 
     def __call__(self, x: Float32, inputs: int) -> Float32:
         """Slopes [M,out,inputs] at x [M,in], by the first `inputs` of the inputs.

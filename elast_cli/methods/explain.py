@@ -61,7 +61,7 @@ def explain_plan(
     forest, size = search.forest, int(search.forest.size[0])
     nodes = None if whole is not trees else path_to(forest, 0, int(search.best_nodes()[0][0]))
     states = plan.states[0, : plan.length[0]]
-    nearest, _ = _nearest(models, states)
+    near = _nearest(models, states)
     figures: JsonDict = {
         "reached": bool(plan.reached[0]),
         "path_by": "tree" if nodes else "shooting",  # or by π, where no tree could grow
@@ -74,9 +74,9 @@ def explain_plan(
         "limits": _finite(asdict(trees.limits)),
         "radii": _finite(asdict(trees.radii)),
         "goal": _goal(models, search, states[-1]),
-        "path": [*_path(models, search, plan, nodes, distance)],
+        "path": [*_path(models, search, plan, nodes, near, distance)],
     }
-    rows = _support(models, "rows")[nearest]
+    rows = _support(models, "rows")[near[0]]
     return Explanation(forest.latent[0, :size], forest.parent[0, :size], states, rows, figures)
 
 
@@ -108,11 +108,14 @@ def _path(
     search: Search,
     plan: Plan,
     nodes: Sequence[int] | None,
+    near: tuple[Int64, Float32],
     distance: Distance | None,
 ) -> Sequence[JsonDict]:
-    """One entry a state of the plan: where it is, and the edge that leads to it."""
-    latent = plan.states[0, : plan.length[0]]
-    nearest, support = _nearest(models, latent)
+    """One entry a state of the plan: where it is, and the edge that leads to it.
+
+    `near`: the nearest encoded training state of each, and its distance.
+    """
+    latent, (nearest, support) = plan.states[0, : plan.length[0]], near
     states = _support(models, "states")[nearest]
     goal = np.linalg.norm(latent - search.query.goal[0], axis=1)
     entries: list[JsonDict] = [
