@@ -40,6 +40,7 @@ def job_of(
 
     _refuse_contradiction(running)
     progress = _reporter(quiet=running.quiet)
+    extra = [*lineage.overrides(), *extra]
     config = _config(env, lineage, extra)
     _note_unused([*(("--set", text) for text in lineage.set or []), *extra], uses, progress)
     return Job(

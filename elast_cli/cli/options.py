@@ -58,6 +58,14 @@ class Lineage:
     seed: Annotated[
         int, Option(min=0, max=MAX_SEED, help="Seed of data, training and planner.")
     ] = 0
+    renderer: Annotated[
+        str | None,
+        Option(metavar="raster|egl|osmesa", help="Who draws a robot task; default: raster."),
+    ] = None
+
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(("--renderer", "env.renderer", self.renderer))
 
 
 @dataclass(frozen=True)

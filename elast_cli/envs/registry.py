@@ -143,6 +143,12 @@ for _entry in (
         100,
         "a cable moved by one end between walls that change with the episode",
     ),
+    _row("reach", "Reach", "sawyer.reach:Reach", 40, "a robot arm to a pose seen by a camera"),
+    _row("button", "Button", "sawyer.button:Button", 60, "a robot arm that presses a button"),
+    _row(
+        "drawer", "Drawer", "sawyer.drawer:Drawer", 60, "a robot arm that opens or closes a drawer"
+    ),
+    _row("hammer", "Hammer", "sawyer.hammer:Hammer", 80, "a robot arm that drives a nail"),
 ):
     register(_entry)
 

@@ -1,0 +1,93 @@
+"""The arm: it goes where it is sent, comes to rest, and has one posture for each place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elast_cli.envs import registry
+from elast_cli.envs.random_policy import RandomPolicy
+from elast_cli.envs.sawyer import scene
+from elast_cli.envs.sawyer.arm import SawyerTask
+from elast_cli.envs.sawyer.physics import mujoco
+from elast_cli.errors import ConfigError
+
+
+def made(name: str = "reach", **config: object) -> SawyerTask:
+    env = registry.make(name, config)
+    assert isinstance(env, SawyerTask)
+    env.np_random = np.random.default_rng(0)
+    env.reset(options={"collect": True})
+    return env
+
+
+def walked(env: SawyerTask, steps: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    rng = np.random.default_rng(seed)
+    policy = RandomPolicy(3)
+    policy.reset(rng)
+    seen = []
+    for _ in range(steps):
+        env.step(policy.act(rng))
+        seen.append((env.hand, env.data.qpos[: scene.JOINTS].copy()))
+    return seen
+
+
+def test_the_hand_goes_where_it_is_sent() -> None:
+    env = made()
+    errors = []
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        action = rng.uniform(-1, 1, 3).astype(np.float32)
+        low, high = env.config.box
+        wanted = np.clip(env.hand + action * env.config.displacement, low, high)
+        env.step(action)
+        errors.append(np.linalg.norm(env.hand - wanted))
+    assert np.median(errors) < 0.003
+
+
+def test_an_idle_arm_stays_where_it_is() -> None:
+    env = made()
+    for _ in range(10):
+        env.step(np.zeros(3, dtype=np.float32))
+    before = env.hand
+    for _ in range(30):
+        env.step(np.zeros(3, dtype=np.float32))
+    assert np.linalg.norm(env.hand - before) < 0.001
+
+
+def test_one_place_has_one_posture() -> None:
+    env = made()
+    one, other = walked(env, 300, seed=1), walked(env, 300, seed=2)
+    gaps = [
+        np.abs(joints - nearest[1]).max()
+        for hand, joints in one
+        for nearest in [min(other, key=lambda entry: float(np.linalg.norm(entry[0] - hand)))]
+        if np.linalg.norm(nearest[0] - hand) < 0.02
+    ]
+    assert len(gaps) > 20
+    assert np.median(gaps) < 0.1  # rad; without the torque: 0.84
+
+
+def test_the_arm_is_metaworlds() -> None:
+    ours = made("button")
+    path = scene._folder() / "sawyer_button_press.xml"
+    theirs = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(theirs)
+    data.qpos[:] = ours.data.qpos
+    mujoco.mj_forward(theirs, data)
+    np.testing.assert_allclose(data.body("hand").xpos, ours.hand, atol=1e-9)
+
+
+def test_a_world_of_another_mujoco_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"one of mujoco 2\.0\.0, and .* is installed"):
+        registry.make("reach", {"mujoco": "2.0.0"})
+
+
+def test_a_box_has_a_low_and_a_high_corner() -> None:
+    with pytest.raises(ConfigError, match="low corner must be below"):
+        registry.make("reach", {"box": [[0.1, 0.5, 0.1], [0.0, 0.6, 0.2]]})
+
+
+def test_an_unknown_scene_is_one_line() -> None:
+    with pytest.raises(ConfigError, match="metaworld has no scene nothing"):
+        scene.load("nothing")
