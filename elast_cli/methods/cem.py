@@ -1,4 +1,4 @@
-"""CPC-CEM: the cross-entropy method on φ's latents and h_f (Sec. 5.1)."""
+"""CPC-CEM (Sec. 5.1) and two stronger samplers on φ's latents and h_f: iCEM and MPPI."""
 
 from __future__ import annotations
 
@@ -14,19 +14,44 @@ from elast_cli.methods.sight import contexts, frame_encoder
 from elast_cli.methods.thresholds import step_length
 from elast_cli.models.encoder.cpc import Representation
 from elast_cli.planners.cem import CemConfig, CemPlanner
+from elast_cli.planners.icem import IcemConfig, IcemPlanner
+from elast_cli.planners.mppi import MppiConfig, MppiPlanner
+from elast_cli.planners.sampling import SamplingPlanner, SamplingPlannerConfig
 from elast_cli.preset import Preset
+
+_PLANNERS: dict[str, tuple[type[SamplingPlannerConfig], type[SamplingPlanner]]] = {
+    "cem": (CemConfig, CemPlanner),
+    "icem": (IcemConfig, IcemPlanner),
+    "mppi": (MppiConfig, MppiPlanner),
+}
 
 
 def build(models: Models, preset: Preset, env: str, _rows: int) -> Controller[Any]:
-    """The controller: plans of actions, played open loop until the next plan."""
+    """CPC-CEM: plans of actions, played open loop until the next plan."""
+    return _controller("cem", models, preset, env)
+
+
+def build_icem(models: Models, preset: Preset, env: str, _rows: int) -> Controller[Any]:
+    """The same by iCEM."""
+    return _controller("icem", models, preset, env)
+
+
+def build_mppi(models: Models, preset: Preset, env: str, _rows: int) -> Controller[Any]:
+    """The same by MPPI."""
+    return _controller("mppi", models, preset, env)
+
+
+def _controller(section: str, models: Models, preset: Preset, env: str) -> Controller[Any]:
+    config_class, planner_class = _PLANNERS[section]
+    config = preset.section(section, config_class)
+    control = preset.section("control", ControlConfig)
     encoder = models.part("encoder", Representation)
-    config, control = preset.section("cem", CemConfig), preset.section("control", ControlConfig)
     median = step_length(models, 0.5)
     rollout = CemRollout(encoder.dynamics, task_info(env, preset.env).action_size)
     return Replan(
         estimator=frame_encoder(models),
         contexts=contexts(models),
-        planner=CemPlanner(rollout, config, config.goal_steps * median),
+        planner=planner_class(rollout, config, config.goal_steps * median),
         follower=PlayActions(),
         every=config.replan_every,
         patience=control.patience,

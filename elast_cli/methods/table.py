@@ -153,6 +153,19 @@ register(
         builder="elast_cli.methods.cem:build",
     )
 )
+for _word, _about in (
+    ("icem", "CEM with coloured noise and a memory of elites, on h_f"),
+    ("mppi", "weighted means of noisy action sequences, on h_f"),
+):
+    register(
+        Method(
+            name=f"cpc-{_word}",
+            about=_about,
+            parts=("context", "encoder"),
+            sections={_word: f"elast_cli.planners.{_word}:{_word.capitalize()}Config"} | CONTROL,
+            builder=f"elast_cli.methods.cem:build_{_word}",
+        )
+    )
 register(
     Method(
         name="random",
