@@ -17,6 +17,7 @@ from benchmarks import (
     document,
     growth,
     profiling,
+    rendering,
     replanning,
     rrt_star,
     training,
@@ -32,6 +33,7 @@ MEASUREMENTS: Mapping[str, Callable[[Bench], list[Figure]]] = {
     "replanning": replanning.figures,
     "rrt_star": rrt_star.figures,
     "collection": collection.figures,
+    "rendering": rendering.figures,
     "training": training.figures,
 }
 

@@ -1,4 +1,4 @@
-"""Draw a strip for every environment: `python docs/pictures/draw_environments.py`.
+"""Draw a strip for every environment: `python docs/pictures/draw_environments.py [NAME ...]`.
 
 Upper row: start and goal of four scenarios, as many of each level. Lower row: every sixth frame of
 a random episode.
@@ -6,15 +6,16 @@ a random episode.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from elast_cli import preset
-from elast_cli.control.collection import collect_episode
+from elast_cli.control.collection import CollectConfig, collect_episode
 from elast_cli.envs.random_policy import RandomPolicy
 from elast_cli.envs.registry import ENVS, EnvSpec, make_simulated, scenarios
+from elast_cli.stages import presets
 
 SCALE, GAP = 2, 4
 
@@ -35,13 +36,14 @@ def strip(entry: EnvSpec) -> Image.Image:
         for scenario in scenarios(entry.name, level, seed=0, count=count, domain="scenario-val"):
             frame, info = env.reset(options={"scenario": scenario})
             upper += [frame, info["goal"]]
-    policy = RandomPolicy(env.action_size, preset.load("standard", entry.name).collect.policy)
+    collect = presets.load("standard", entry.name).section("collect", CollectConfig)
+    policy = RandomPolicy(env.action_size, collect.policy)
     episode = collect_episode(env, seed=0, index=0, length=50, policy=policy)
     lower = list(episode.pixels[::6][: len(upper)])
     width = min(len(upper), len(lower))
     return Image.fromarray(np.concatenate([row(upper[:width]), row(lower[:width])]))
 
 
-for each in ENVS.values():
-    picture = strip(each).quantize(64)
+for each in [ENVS[name] for name in sys.argv[1:] or ENVS]:
+    picture = strip(each).quantize(128 if "sawyer" in each.entry_point else 64)
     picture.save(Path(__file__).parent / f"{each.name}.png", optimize=True)

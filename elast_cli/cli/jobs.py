@@ -40,14 +40,13 @@ def job_of(
 
     _refuse_contradiction(running)
     progress = _reporter(quiet=running.quiet)
-    extra = [*lineage.overrides(), *extra]
-    config = _config(env, lineage, extra)
-    _note_unused([*(("--set", text) for text in lineage.set or []), *extra], uses, progress)
+    flags = [*lineage.overrides(), *extra]
+    _note_unused([*(("--set", text) for text in lineage.set or []), *flags], uses, progress)
     return Job(
         store=_store(),
         env=env,
         preset=lineage.preset,
-        config=config,
+        config=_config(env, lineage, flags),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,

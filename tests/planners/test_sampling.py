@@ -14,8 +14,8 @@ from elast_cli.planners.cem import CemConfig, CemPlanner
 from elast_cli.planners.icem import IcemConfig, IcemPlanner, coloured
 from elast_cli.planners.mppi import MppiConfig, MppiPlanner
 from elast_cli.planners.sampling import SamplingPlanner
-from tests.planners.test_cem import SMALL, Drift, Exploding, cost, query
 from tests.toys.box import REACH, only
+from tests.toys.sampling import SMALL, Drift, Exploding, cost, query
 
 PLANNERS: dict[str, Any] = {
     "cem": (CemPlanner, CemConfig),
@@ -25,7 +25,7 @@ PLANNERS: dict[str, Any] = {
 SHARP: dict[str, Any] = {
     "cem": {"n_steps": 100, "topk": 100, "min_std": 0.01, "noise_correlation": 0.0},
     "icem": {"n_steps": 60, "topk": 50, "min_std": 0.02, "noise_beta": 1.0},
-    "mppi": {"n_steps": 100, "std": 0.1, "temperature": 0.05, "noise_beta": 0.0},
+    "mppi": {"n_steps": 300, "std": 0.1, "temperature": 0.05, "noise_beta": 0.0},
 }
 each = pytest.mark.parametrize("name", PLANNERS)
 
