@@ -95,16 +95,16 @@ def train_baseline(
     running: Running,
 ) -> None:
     """Make the data and all parts that a method needs: one ref a line, in order."""
+    from elast_cli.cli.dry_run import show_chain
     from elast_cli.methods.table import method_named
     from elast_cli.stages import chain
-    from elast_cli.stages.run import planned_text
 
     wanted = method_named(method)
     uses = ("env", "collect", *closure(wanted.parts))
     job = job_of(env, lineage, running, uses=uses).of_method(wanted)
     if running.dry_run:
         rows = chain.planned_models(job, wanted.parts)
-        print_json(rows) if running.json else print_text(planned_text(rows))
+        show_chain(rows, json=running.json)
         return
     made = {role: str(ref) for role, ref in chain.make_models(job, wanted.parts).items()}
     print_json(made) if running.json else print_text("\n".join(made.values()))

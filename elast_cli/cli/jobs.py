@@ -123,12 +123,13 @@ def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
 
 def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bool) -> None:
     """Evaluate, print the results of all jobs together, and hold them against the bounds."""
+    from elast_cli.cli.dry_run import show_chain
     from elast_cli.stages import run
 
     bench.expect(jobs)
     if running.dry_run:
         rows = [row for job in jobs for row in run.planned(job, bench, make=make)]
-        print_json(rows) if running.json else print_text(run.planned_text(rows))
+        show_chain(rows, json=running.json)
         return
     reports = [run.evaluate_all(job, bench, make=make) for job in jobs]
     outcome = run.Outcome.of(jobs[0], reports)
@@ -140,11 +141,11 @@ def finish(
     wanted: RecipeJob, running: Running, document: Callable[[Store, Ref], Any] | None = None
 ) -> None:
     """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON."""
-    from elast_cli.stages import inspect
+    from elast_cli.cli.dry_run import show_stage
+    from elast_cli.stages import estimate, inspect
 
     if running.dry_run:
-        plan = inspect.planned(wanted)
-        print_json(plan) if running.json else print_text(inspect.planned_line(plan))
+        show_stage(inspect.planned(wanted) | estimate.of(wanted).document(), json=running.json)
         return
     ref = wanted.carry_out()
     if running.json:

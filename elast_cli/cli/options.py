@@ -89,7 +89,9 @@ class Running:
     no_wait: Annotated[
         bool, Option("--no-wait", help="Exit 75 if another process makes the same artifact.")
     ] = False
-    dry_run: Annotated[bool, Option("--dry-run", help="Say what would be done.")] = False
+    dry_run: Annotated[
+        bool, Option("--dry-run", help="Say what would be done, and what it takes.")
+    ] = False
     quiet: Quiet = False
     json: Json = False
 

@@ -21,10 +21,8 @@ from torch import Tensor
 from elast_cli.data.images import Images, blocks
 from elast_cli.errors import StorageError
 from elast_cli.models.nets import PooledImages
-from elast_cli.models.part import Setting
+from elast_cli.models.part import IMAGE_SHARE, Setting
 from elast_cli.shapes import Int64
-
-SHARE = 0.25  # of the memory that a training may use
 
 
 class Frames(Protocol):
@@ -111,7 +109,7 @@ def _place(size: int, setting: Setting) -> torch.device | None:
     """Where so many bytes are held: a device that has twice the room, or none."""
     if setting.device.type == "cuda" and 2 * size <= torch.cuda.mem_get_info(setting.device)[0]:
         return setting.device
-    return torch.device("cpu") if size <= SHARE * setting.memory_gb * 1e9 else None
+    return torch.device("cpu") if size <= IMAGE_SHARE * setting.memory_gb * 1e9 else None
 
 
 def image_features(images: Images, net: PooledImages, setting: Setting) -> Frames:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from elast_cli.models.tensors import Wanted
 
+IMAGE_SHARE = 0.25  # of the memory that a training may use, for images
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 _MAX_SIZE = 1 << 20
 Precision = Literal["float32", "bfloat16", "auto"]

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from elast_cli.config import JsonDict
 from elast_cli.models.parts import DATASET
-from elast_cli.stages import collect, train
+from elast_cli.stages import collect, estimate, train
+from elast_cli.stages.estimate import Estimate
 from elast_cli.stages.job import Job, RecipeJob
 from elast_cli.stages.resolve import needs, roles_of
 from elast_cli.store.manifest import Ref
@@ -61,9 +62,16 @@ def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
             ref = _recipe_job(_after(job, there), role).published()
         if ref:
             there[role] = ref
-        published = str(ref) if ref else None
-        rows.append({"env": job.env, "kind": role, "seed": job.seed, "published": published})
+        cost = estimate.NOTHING if ref else estimate.of_role(job, role, there)
+        rows.append(planned_row(job, role, ref, cost))
     return rows
+
+
+def planned_row(job: Job, kind: str, ref: Ref | None, cost: Estimate) -> JsonDict:
+    """One artifact of a dry run: the one that is there, or what it will take."""
+    published = str(ref) if ref else None
+    row: JsonDict = {"env": job.env, "kind": kind, "seed": job.seed, "published": published}
+    return row | cost.document()
 
 
 def _after(job: Job, made: Mapping[str, Ref]) -> Job:

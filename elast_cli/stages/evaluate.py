@@ -47,18 +47,23 @@ def recipe_job(job: Job, method: str, levels: Sequence[str]) -> RecipeJob:
     """
     entry = method_named(method)
     inputs = resolve(job.of_method(entry), entry.parts)
+    config = recipe_config(job, method, levels)
+    recipe = job.recipe("eval", config, inputs, algorithm_version=ALGORITHM_VERSION)
+    return RecipeJob(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
+
+
+def recipe_config(job: Job, method: str, levels: Sequence[str]) -> JsonDict:
+    """The configuration of an evaluation; inputs are no part of it."""
     settings = job.config.section("eval", EvalConfig)
-    config: JsonDict = {
+    return {
         "method": method,
-        "sections": entry.settings(job.config),
+        "sections": method_named(method).settings(job.config),
         "env": job.config.env,
         "levels": {level: job.task_info.level(level).max_steps for level in levels},
         "episodes": settings.episodes,
         "scenario_seed": settings.scenario_seed,
         "domain": settings.domain,
     }
-    recipe = job.recipe("eval", config, inputs, algorithm_version=ALGORITHM_VERSION)
-    return RecipeJob(job, recipe, inputs, lambda run: _evaluate(job, method, levels, inputs, run))
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def listing_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             row["ref"],
             row["preset"],
             str(row["seed"]),
-            _size(row["bytes"]),
+            size_text(row["bytes"]),
             str(row["created"] or ""),
             _headline(row["metrics"]),
         )
@@ -116,7 +116,7 @@ def description_view(data: Mapping[str, Any]) -> Group:
         metrics.add_row(key, _one_line(value))
     files = _table("file", "size", "sha256")
     for name, entry in data["files"].items():
-        files.add_row(name, _size(entry["size"]), entry["sha256"][:16])
+        files.add_row(name, size_text(entry["size"]), entry["sha256"][:16])
     config = Text(json.dumps(recipe["config"], indent=2, ensure_ascii=False))
     tree = _tree(data["lineage"])
     return Group(head, metrics, files, tree, Text("\nconfiguration"), config)
@@ -183,14 +183,6 @@ def planned(wanted: RecipeJob) -> JsonDict:
     }
 
 
-def planned_line(plan: Mapping[str, Any]) -> str:
-    """A dry run for people."""
-    if plan["published"]:
-        return f"{plan['published']} is there already"
-    inputs = ", ".join(plan["inputs"].values())
-    return f"would make {plan['env']}/{plan['kind']}" + (f" from {inputs}" if inputs else "")
-
-
 def made(store: Store, ref: Ref) -> JsonDict:
     """What a stage prints with `--json`."""
     return {
@@ -230,7 +222,8 @@ def _one_line(value: object) -> str:
     return str(value)
 
 
-def _size(count: int) -> str:
+def size_text(count: int) -> str:
+    """`812 B`, `1.3 MB`."""
     number, unit = float(count), "B"
     for larger in ("kB", "MB", "GB", "TB"):
         if number < 1000:

@@ -18,8 +18,8 @@ from elast_cli.evaluation.tables import table
 from elast_cli.methods.table import method_named
 from elast_cli.models.parts import closure
 from elast_cli.progress import Silent
-from elast_cli.stages import evaluate, report
-from elast_cli.stages.chain import make_models, planned_models
+from elast_cli.stages import estimate, evaluate, report
+from elast_cli.stages.chain import make_models, planned_models, planned_row
 from elast_cli.stages.job import Job
 from elast_cli.stages.resolve import present, resolve, roles_of
 from elast_cli.stages.results import read_results, texts
@@ -172,6 +172,7 @@ def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
     """What `evaluate_all` would find and make, in order."""
     rows: list[JsonDict] = []
     evaluations: dict[tuple[str, int], Ref] = {}
+    levels = bench.levels_of(job)
     for seed in bench.seeds:
         of_seed = replace(job, seed=seed)
         listed: set[tuple[str, str]] = set()
@@ -186,28 +187,18 @@ def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
                 given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
             ref, needed = None, present(job, method.parts)
             if not make or all(role in given.given for role in needed):
-                ref = evaluate.recipe_job(given, name, bench.levels_of(job)).published()
+                ref = evaluate.recipe_job(given, name, levels).published()
             if ref:
                 evaluations[name, seed] = ref
-            rows.append(_planned_row(of_seed, f"eval {name}", ref))
+            config = evaluate.recipe_config(given, name, levels)
+            cost = estimate.NOTHING if ref else estimate.of_evaluation(given, config)
+            rows.append(planned_row(of_seed, f"eval {name}", ref, cost))
     every = len(evaluations) == len(bench.methods) * len(bench.seeds)
     found = report.recipe_job(job, evaluations).published() if every else None
-    rows.append(_planned_row(replace(job, seed=min(bench.seeds)), "report", found))
+    counts = {"methods": len(bench.methods), "seeds": len(bench.seeds), "levels": len(levels)}
+    cost = estimate.NOTHING if found else estimate.of_report(job, **counts)
+    rows.append(planned_row(replace(job, seed=min(bench.seeds)), "report", found, cost))
     return rows
-
-
-def _planned_row(job: Job, kind: str, ref: Ref | None) -> JsonDict:
-    published = str(ref) if ref else None
-    return {"env": job.env, "kind": kind, "seed": job.seed, "published": published}
-
-
-def planned_text(rows: Sequence[JsonDict]) -> str:
-    """A dry run for people."""
-    lines = []
-    for row in rows:
-        state = f"there: {row['published']}" if row["published"] else "to make"
-        lines.append(f"{row['env']}  seed {row['seed']}  {row['kind']!s:<16} {state}")
-    return "\n".join(lines)
 
 
 @dataclass(frozen=True)

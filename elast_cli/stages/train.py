@@ -110,6 +110,15 @@ def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:
         )
 
 
+def memory(job: Job, rows: float) -> tuple[float, float]:
+    """Bytes that a training on `rows` frames needs in any case, and how many it may take besides.
+
+    The latter are negative if there are too few.
+    """
+    need = ROOM + rows * ROW_BYTES
+    return need, min(job.memory_gb * 1e9, available() - need)
+
+
 def _setting(job: Job, run: Run, rows: int) -> Setting:
     """How to train on `rows` frames, with the memory that is free for images.
 
@@ -120,10 +129,11 @@ def _setting(job: Job, run: Run, rows: int) -> Setting:
 
     from elast_cli.models.part import Setting
 
-    need, have = ROOM + rows * ROW_BYTES, available()
-    if have < need:
+    need, spare = memory(job, rows)
+    if spare < 0:
         raise StorageError(
-            f"training on {rows:,} frames takes {need / 1e9:.1f} GB of memory, {have / 1e9:.1f} GB "
+            f"training on {rows:,} frames takes {need / 1e9:.1f} GB of memory, "
+            f"{(need + spare) / 1e9:.1f} GB "
             "are free: stop other programs, raise the limit (ulimit -v), or collect fewer (--n)"
         )
     return Setting(
@@ -131,7 +141,7 @@ def _setting(job: Job, run: Run, rows: int) -> Setting:
         work=run.work,
         device=torch.device(job.device),
         progress=job.progress,
-        memory_gb=min(job.memory_gb, (have - need) / 1e9),
+        memory_gb=spare / 1e9,
     )
 
 

@@ -80,7 +80,7 @@ def test_eval_takes_the_environments_that_have_the_level(
 ) -> None:
     words = ["eval", "--methods", "random", "--dry-run", "--json", "--quiet"]
     assert cli.run([*words, "--level", "hard"]) == 0
-    envs = {row["env"] for row in json.loads(capsys.readouterr().out)}
+    envs = {row["env"] for row in json.loads(capsys.readouterr().out)["artifacts"]}
     levels = {name: task_info(name).levels for name in ENVS}
     assert envs == {name for name in ENVS if "hard" in levels[name]}
     assert 0 < len(envs) < len(ENVS)

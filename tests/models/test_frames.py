@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from elast_cli.data import images as data_images
 from elast_cli.data.dataset import Dataset
 from elast_cli.errors import StorageError
-from elast_cli.models import frames as model_frames
 from elast_cli.models.encoder.config import EncoderConfig, EncoderSection
 from elast_cli.models.encoder.encode import encode
 from elast_cli.models.encoder.net import Encoder
@@ -24,7 +23,7 @@ from elast_cli.models.encoder.windows import frame_features
 from elast_cli.models.files import load_model, save_model
 from elast_cli.models.frames import HeldFrames, ScratchFrames, image_features
 from elast_cli.models.outputs import Outputs
-from elast_cli.models.part import Setting
+from elast_cli.models.part import IMAGE_SHARE, Setting
 from elast_cli.progress import Silent
 from elast_cli.shapes import Int64, Uint8
 
@@ -175,7 +174,7 @@ def test_images_are_held_where_they_fit(tmp_path: Path) -> None:
     images = np.zeros((200, 64, 64, 3), np.uint8)
     phi = Encoder(EncoderConfig(pool=4))
     size = 200 * 3 * 16 * 16 * 2
-    fits = setting(tmp_path, size / model_frames.SHARE / 1e9 * 1.001)
+    fits = setting(tmp_path, size / IMAGE_SHARE / 1e9 * 1.001)
     assert isinstance(image_features(images, phi, fits), HeldFrames)
     below = replace(fits, memory_gb=fits.memory_gb * 0.99)
     assert isinstance(image_features(images, phi, below), ScratchFrames)

@@ -17,12 +17,12 @@ from elast_cli.models.files import arrays_of, load_model, save_model
 from elast_cli.models.fit import round_weights
 from elast_cli.models.stored import read_part
 from elast_cli.models.tensors import QUANTILE_GRID, Want, quantile
-from tests.toys.models import SIZES, models, trained
+from tests.toys.models import KINDS, SIZES, models, trained
 
 PLAIN = ("encoder", "ensemble", "density", "policy")  # read without torch
 
 
-@pytest.mark.parametrize("kind", PLAIN)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("architecture", ["pooled-mlp", "conv"])
 def test_a_spec_names_the_tensors_of_its_module(kind: str, architecture: str) -> None:
     part = trained(models(architecture=architecture)[kind])

@@ -46,7 +46,7 @@ def test_a_second_run_with_contexts_does_no_work(
 ) -> None:
     words = ["run", *PARAM, "--episodes", "2", "--quiet", "--dry-run", "--json"]
     assert run_in(with_context, words) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["artifacts"]
     assert [row["kind"] for row in rows[:3]] == ["dataset", "context", "encoder"]
     assert len(rows) == 10
     assert all(row["published"] for row in rows)

@@ -17,12 +17,12 @@ def test_a_dry_evaluation_lists_what_it_would_make_and_no_more(
 ) -> None:
     words = ["eval", *ENV, *SETS, "--level", "hard", "--dry-run", "--json", "--quiet"]
     assert run_in(one, [*words, "--episodes", "2"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["artifacts"]
     kinds = ["eval elast", "eval cpc-cem", "eval random", "report"]
     assert [row["kind"] for row in rows] == kinds
     assert all(row["published"] for row in rows)
     assert run_in(one, [*words, "--episodes", "3"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["artifacts"]
     assert [(row["kind"], row["published"]) for row in rows] == [(kind, None) for kind in kinds]
 
 

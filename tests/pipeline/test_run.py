@@ -41,7 +41,7 @@ def test_a_second_run_does_no_work(one: Path, capsys: pytest.CaptureFixture[str]
     assert "block-s/report/v1" in capsys.readouterr().out
     assert Store(one).refs() == before
     assert run_in(one, [*RUN, "--dry-run", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["artifacts"]
     assert len(rows) == 9
     assert all(row["published"] for row in rows)
 

@@ -121,7 +121,7 @@ def test_run_trains_the_part_and_evaluates_the_method(done: Path) -> None:
 @pytest.mark.usefixtures("copy")
 def test_a_second_run_finds_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", "--methods", "reactive", *EVALUATION, "--dry-run", "--json"]
-    found = json.loads(elast(capsys, *words))
+    found = json.loads(elast(capsys, *words))["artifacts"]
     kinds = [row["kind"] for row in found]
     assert kinds == ["dataset", "encoder", "goal_policy", "eval reactive", "report"]
     assert all(row["published"] for row in found[:-1])
@@ -255,7 +255,7 @@ def test_a_dry_run_lists_shared_parts_once_and_a_variants_own_besides(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     words = ["run", "--methods", "elast,elast-single", *EVALUATION, "--dry-run", "--json"]
-    rows = json.loads(elast(capsys, *words))
+    rows = json.loads(elast(capsys, *words))["artifacts"]
     shared = ["dataset", *MODELS, "eval elast"]
     own = ["ensemble", "policy", "eval elast-single", "report"]
     assert [row["kind"] for row in rows] == [*shared, *own]
@@ -266,7 +266,7 @@ def test_train_baseline_makes_a_variants_parts_and_then_finds_them(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["train-baseline", "elast-single", *ONE]
-    rows = json.loads(elast(capsys, *words, "--dry-run", "--json"))
+    rows = json.loads(elast(capsys, *words, "--dry-run", "--json"))["artifacts"]
     assert [row["kind"] for row in rows if not row["published"]] == ["ensemble", "policy"]
     made = ["dataset/v1", "encoder/v1", "ensemble/v2", "density/v1", "policy/v2"]
     for _ in range(2):

@@ -9,11 +9,9 @@ import torch
 from torch import Tensor, nn
 
 from elast_cli.data.images import Images, blocks
-from elast_cli.models.context.config import ContextConfig
+from elast_cli.models.context.config import SMALLEST, ContextConfig
 from elast_cli.models.nets import PooledImages
 from elast_cli.shapes import Float32, Uint8
-
-_SMALLEST = 4  # side of the innermost feature maps
 
 
 class ContextAutoencoder(PooledImages):
@@ -33,7 +31,7 @@ class ContextAutoencoder(PooledImages):
         self.register_buffer("code_mean", torch.zeros(config.latent_size))
         self.register_buffer("code_std", torch.ones(config.latent_size))
         widths, side = [3], self.side
-        while side > _SMALLEST:
+        while side > SMALLEST:
             widths.append(config.channels * 2 ** (len(widths) - 1))
             side //= 2
         down: list[nn.Module] = []
@@ -41,8 +39,8 @@ class ContextAutoencoder(PooledImages):
         for outer, inner in pairwise(widths):
             down += [nn.Conv2d(outer, inner, 4, stride=2, padding=1), nn.ReLU()]
             up = [nn.ReLU(), nn.ConvTranspose2d(inner, outer, 4, stride=2, padding=1), *up]
-        inner_shape = (widths[-1], _SMALLEST, _SMALLEST)
-        flat = widths[-1] * _SMALLEST**2
+        inner_shape = (widths[-1], SMALLEST, SMALLEST)
+        flat = widths[-1] * SMALLEST**2
         self.down = nn.Sequential(*down, nn.Flatten(), nn.Linear(flat, config.latent_size))
         self.up = nn.Sequential(
             nn.Linear(config.latent_size, flat), nn.Unflatten(1, inner_shape), *up
