@@ -36,11 +36,16 @@ FRAME = {
     "planar-arm": (630, 150e-6),
     "cable": (720, 600e-6),
     "cable-param": (870, 650e-6),
+    "reach": (1970, 4.5e-3),
+    "button": (1810, 4e-3),
+    "drawer": (1750, 4e-3),
+    "hammer": (2060, 4.5e-3),
 }
 # From the manifests in docs/results/models: seconds of an item of a batch.
 ITEM = {"context": 250e-6, "encoder": 70e-6, "ensemble": 25e-6, "density": 75e-6, "policy": 10e-6}
 PIXEL = 65e-9  # the same of a convolutional encoder, by side * side * channels
-STEP = {"planner": 0.05, "cem": 0.04, "collect": 0.001}  # of an episode, by section of the method
+# Seconds of a step of an episode, by section of the method.
+STEP = {"planner": 0.05, "cem": 0.04, "icem": 0.04, "mppi": 0.04, "collect": 0.001}
 START, REPORT, PLAN = 3.0, 2.0, 4.0  # seconds: loading, a report, a plan
 COLLECTOR, TORCH, EVALUATOR = 0.2e9, 0.3e9, 0.42e9  # bytes of memory of a process
 CURVE_ROW, EPISODE, FILMS, FIGURE = 300, 450, 150e3, 450e3  # bytes; films of one level
