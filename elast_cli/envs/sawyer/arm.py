@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from elast_cli.envs.sawyer import scene
 from elast_cli.envs.sawyer.config import SawyerConfig
 from elast_cli.envs.sawyer.physics import mujoco
-from elast_cli.envs.sawyer.renderer import make_renderer
+from elast_cli.envs.sawyer.renderer import Renderer, make_renderer
 from elast_cli.envs.scenario import Frame, Vector
 from elast_cli.envs.simulated import DrawLimit, SimulatedTask
 from elast_cli.errors import ConfigError
@@ -61,7 +62,6 @@ class SawyerTask(SimulatedTask):
         self._jacobian = np.zeros((6, self.model.nv))
         self._low, self._high = (np.array(corner) for corner in config.box)
         self._place(np.mean(config.box, axis=0))
-        self._renderer = make_renderer(config.renderer, self.model, self.data, config.camera)
 
     @property
     def state(self) -> Vector:
@@ -88,9 +88,18 @@ class SawyerTask(SimulatedTask):
         grip = float(action[3]) if self.action_size > 3 else self.grip
         self._move(here, np.clip(there, self._low, self._high), grip)
 
+    @cached_property
+    def renderer(self) -> Renderer:
+        """Who draws; made for the first image, so that training needs no OpenGL.
+
+        Raises:
+            ConfigError: if its library is not installed.
+        """
+        return make_renderer(self.config.renderer, self.model, self.data, self.config.camera)
+
     def frame(self) -> Frame:
         """The camera's image, u8 [64, 64, 3]."""
-        return self._renderer.frame(self.data)
+        return self.renderer.frame(self.data)
 
     @abstractmethod
     def place_objects(self, rng: np.random.Generator) -> None:

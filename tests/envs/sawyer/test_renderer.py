@@ -56,7 +56,7 @@ def test_merging_points_keeps_the_volume() -> None:
 @pytest.mark.parametrize("name", TASKS)
 def test_what_is_nearest_is_what_mujocos_rays_hit(name: str) -> None:
     env = made(name)
-    ours = env._renderer
+    ours = env.renderer
     assert isinstance(ours, renderer.RasterRenderer)
     inverse = ours.depth(env.data)
     camera = env.config.camera
@@ -127,4 +127,4 @@ def test_opengl_sees_the_same_scene() -> None:
 def test_a_missing_opengl_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("elast_cli.envs.sawyer.opengl.has_opengl", lambda _: False)
     with pytest.raises(ConfigError, match=r"library is not installed .* libosmesa6"):
-        registry.make("reach", {"renderer": "osmesa"})
+        made("reach", renderer="osmesa")
