@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
     app.command("ls")(list_artifacts)
-    for command in (show, verify, compare, gc, doctor):
+    for command in (show, verify, compare, envs, methods, gc, doctor):
         app.command()(command)
 
 
@@ -224,6 +224,20 @@ def compare(
         print_json([row.model_dump(mode="json") for row in found])
     else:
         print_rich(comparison_table(found))
+
+
+def envs(json: Json = False) -> None:
+    """List the environments: what goes after --env."""
+    from elast_cli.stages import catalog
+
+    show_data(catalog.environments(), catalog.environments_table, json=json)
+
+
+def methods(json: Json = False) -> None:
+    """List the methods: what goes after --methods, and the learned parts that each needs."""
+    from elast_cli.stages import catalog
+
+    show_data(catalog.methods(), catalog.methods_table, json=json)
 
 
 def gc(json: Json = False) -> None:

@@ -21,9 +21,47 @@ MAX_SEED = 2**63 - 1
 
 Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
-Env = Annotated[str, Option("--env", metavar="NAME", help="Environment, such as block-s.")]
+
+
+def _environments(incomplete: str) -> list[tuple[str, str]]:
+    """Environments that begin so, for the shell."""
+    from elast_cli.envs.registry import names, spec
+
+    return [(name, spec(name).about) for name in names() if name.startswith(incomplete)]
+
+
+def _methods(incomplete: str) -> list[str]:
+    """Lists of methods whose last name begins so, for the shell."""
+    from elast_cli.methods.table import METHODS
+
+    before, comma, last = incomplete.rpartition(",")
+    return [before + comma + name for name in METHODS if name.startswith(last)]
+
+
+def _presets(incomplete: str) -> list[str]:
+    """Presets that begin so, for the shell."""
+    from elast_cli.preset import names
+
+    return [name for name in names() if name.startswith(incomplete)]
+
+
+Env = Annotated[
+    str,
+    Option(
+        "--env",
+        metavar="NAME",
+        help="Environment, such as block-s; `elast envs` lists them.",
+        autocompletion=_environments,
+    ),
+]
 SomeEnv = Annotated[
-    str | None, Option("--env", metavar="NAME", help="One environment; default: all that fit.")
+    str | None,
+    Option(
+        "--env",
+        metavar="NAME",
+        help="One environment; default: all that fit.",
+        autocompletion=_environments,
+    ),
 ]
 
 
@@ -49,7 +87,12 @@ class Lineage:
     """Which lineage to work on, and its configuration."""
 
     preset: Annotated[
-        str, Option(metavar="NAME", help="quick, standard, paper, or one in ./configs.")
+        str,
+        Option(
+            metavar="NAME",
+            help="quick, standard, paper, or one in ./configs.",
+            autocompletion=_presets,
+        ),
     ] = "standard"
     set: Annotated[
         list[str] | None,
@@ -132,9 +175,14 @@ def inputs_of(kinds: Sequence[str]) -> type[Any]:
 class Evaluating:
     """What is evaluated."""
 
-    methods: Annotated[str, Option(metavar="A,B", help="Methods, separated by commas.")] = (
-        "elast,cpc-cem,random"
-    )
+    methods: Annotated[
+        str,
+        Option(
+            metavar="A,B",
+            help="Methods, separated by commas; `elast methods` lists them.",
+            autocompletion=_methods,
+        ),
+    ] = "elast,cpc-cem,random"
     level: Annotated[
         str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
     ] = None

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from elast_cli.cli import app as cli
+from elast_cli.cli import options
 from elast_cli.envs.registry import ENVS, task_info
 from tests.toys.command_line import COLLECT, fails
 
@@ -115,3 +116,26 @@ def test_doctor_says_what_is_wrong_with_the_store(
     monkeypatch.setenv("ELAST_HOME", str(home / "file/in/it"))
     assert cli.run(["doctor"]) == 69
     assert "export ELAST_HOME" in capsys.readouterr().err
+
+
+def test_envs_and_methods_list_what_can_be_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["envs", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {"cable", "hammer"} <= {row["name"] for row in rows}
+    assert all(row["about"] and row["max_steps"] for row in rows)
+    assert cli.run(["methods", "--json"]) == 0
+    methods = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert methods["cpc-cem"]["parts"] == ["context", "encoder"]
+    for command, word in (("envs", "block-s"), ("methods", "elast-literal")):
+        assert cli.run([command]) == 0
+        assert word in capsys.readouterr().out
+
+
+def test_the_shell_completes_names() -> None:
+    assert [name for name, _ in options._environments("bl")] == [
+        "block-s",
+        "block-asym",
+        "block-param",
+    ]
+    assert "elast,cpc-cem" in options._methods("elast,cpc-")
+    assert options._presets("sta") == ["standard"]
