@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elast_cli.envs.sawyer import scene
 from elast_cli.envs.sawyer.config import SawyerConfig
-from elast_cli.envs.sawyer.physics import mujoco
+from elast_cli.envs.sawyer.physics import mujoco, unstable
 from elast_cli.envs.sawyer.renderer import Renderer, make_renderer
 from elast_cli.envs.scenario import Frame, Vector
 from elast_cli.envs.simulated import DrawLimit, SimulatedTask
@@ -131,7 +131,11 @@ class SawyerTask(SimulatedTask):
         self.data.qvel[:] = 0.0
 
     def _move(self, here: Floats, there: Floats, grip: float) -> None:
-        """One step of time in which the hand is sent from one place to another."""
+        """One step of time in which the hand is sent from one place to another.
+
+        Raises:
+            ConfigError: the simulation became unstable.
+        """
         data, substeps = self.data, self.config.substeps
         data.qfrc_applied[: scene.JOINTS] = self._posture_torque()
         data.ctrl[:] = grip, -grip
@@ -142,6 +146,11 @@ class SawyerTask(SimulatedTask):
         if moving < substeps:
             mujoco.mj_step(self.model, data, substeps - moving)
         mujoco.mj_kinematics(self.model, data)  # places of this state, not of the one before
+        if unstable(data):
+            raise ConfigError(
+                "the robot's physics became unstable under this configuration; lower "
+                "env.displacement or keep env.box within the arm's reach"
+            )
 
     def _send(self, place: Floats) -> None:
         """Where the hand is drawn to."""

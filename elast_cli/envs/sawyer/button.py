@@ -54,13 +54,20 @@ class Button(SawyerTask):
         """The button is out."""
         self.data.qpos[-1] = 0.0
 
+    def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
+        """The hand holds the button pressed, or is anywhere where it meets nothing."""
+        if rng.random() < self.config.pressed_share:
+            return self._pressed(rng), empty_layout()
+        return super().sample_start(rng)
+
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
         """A free start with the button out, and a goal as a press leaves it."""
         rules = self.task_info.level(level)
         goal = self._pressed(rng)
-        return Scenario(self.sample_start(rng)[0], goal, rules.name, index, seed, empty_layout())
+        start = super().sample_start(rng)[0]
+        return Scenario(start, goal, rules.name, index, seed, empty_layout())
 
     def _pressed(self, rng: np.random.Generator) -> Vector:
         """A state in which the hand holds the button at a random depth."""

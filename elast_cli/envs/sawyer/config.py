@@ -20,6 +20,12 @@ class CameraConfig(StrictModel):
     target: Point = (0.0, 0.6, 0.2)
     fovy: float = Field(38.0, gt=0, lt=180, description="vertical angle of view, degrees")
 
+    @model_validator(mode="after")
+    def _looks_aslant(self) -> CameraConfig:
+        if all(abs(a - b) < 1e-3 for a, b in zip(self.place[:2], self.target[:2], strict=True)):
+            raise ValueError("camera: place must not be straight above or below target")
+        return self
+
 
 class SawyerConfig(StrictModel):
     """What all Sawyer tasks share; lengths in m."""
@@ -60,6 +66,7 @@ class ButtonConfig(SawyerConfig):
     depth_radius: float = Field(0.01, gt=0, description="of success")
     depth: tuple[float, float] = Field((0.025, 0.05), description="least and greatest, of goals")
     contact: float = Field(0.02, ge=0, description="greatest offset of a goal's hand, x and z")
+    pressed_share: float = Field(0.3, ge=0, le=1, description="of random starts: held pressed")
 
 
 class DrawerConfig(SawyerConfig):

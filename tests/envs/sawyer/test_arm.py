@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,22 @@ def test_a_box_has_a_low_and_a_high_corner() -> None:
         registry.make("reach", {"box": [[0.1, 0.5, 0.1], [0.0, 0.6, 0.2]]})
 
 
+def test_a_camera_does_not_look_straight_down() -> None:
+    with pytest.raises(ConfigError, match="straight above or below"):
+        registry.make("reach", {"camera": {"place": [0, 0.6, 1], "target": [0, 0.6, 0]}})
+
+
 def test_an_unknown_scene_is_one_line() -> None:
     with pytest.raises(ConfigError, match="metaworld has no scene nothing"):
         scene.load("nothing")
+
+
+def test_unstable_physics_are_one_line_and_leave_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    env = made()
+    env.data.qvel[:] = 1e12
+    with pytest.raises(ConfigError, match="physics became unstable"):
+        env.step(np.zeros(3, dtype=np.float32))
+    assert list(tmp_path.iterdir()) == []
