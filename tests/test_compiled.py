@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from elast_cli import compiled
-from elast_cli.compiled import MADE, VARIABLE, Compiling, njit, place
+from elast_cli.compiled import FEATURES, MADE, VARIABLE, Compiling, njit, place
 
 
 @pytest.fixture
 def clean(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """The environment's variables, afterwards as they were."""
-    for name in (VARIABLE, MADE):
+    for name in (VARIABLE, MADE, FEATURES, "NUMBA_CPU_NAME"):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
     return monkeypatch
@@ -90,3 +90,26 @@ def test_compiling_is_told_once_and_only_if_it_happens(clean: pytest.MonkeyPatch
     with Compiling(told.append):
         total(np.ones(4))
     assert len(told) == 1
+
+
+@pytest.mark.parametrize(
+    ("has", "asked", "expected"),
+    [
+        (True, {}, "+avx512bf16,-prefer-256-bit"),
+        (False, {}, None),
+        (True, {"NUMBA_CPU_NAME": "haswell"}, None),
+        (True, {"NUMBA_CPU_FEATURES": "+sse2"}, "+sse2"),
+    ],
+)
+def test_wide_vectors_are_used_where_they_are_fast(
+    has: bool, asked: dict[str, str], expected: str | None, clean: pytest.MonkeyPatch
+) -> None:
+    class Features(dict[str, bool]):
+        def flatten(self) -> str:
+            return "+avx512bf16"
+
+    for name, value in asked.items():
+        clean.setenv(name, value)
+    clean.setattr("llvmlite.binding.get_host_cpu_features", lambda: Features(avx512bf16=has))
+    compiled.use_wide_vectors()
+    assert os.environ.get(FEATURES) == expected
