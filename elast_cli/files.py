@@ -64,6 +64,20 @@ def storage_errors() -> Iterator[None]:
         ) from reason
 
 
+def expanded(home: str | Path) -> Path:
+    """$ELAST_HOME as a path, `~` and `~user` written out.
+
+    Raises:
+        StorageError: there is no such user, or nobody knows the user's home folder.
+    """
+    try:
+        return Path(home).expanduser()
+    except RuntimeError:
+        raise StorageError(
+            f"ELAST_HOME: {home}: the home folder is not known; set ELAST_HOME to a full path"
+        ) from None
+
+
 def make_folders(path: Path) -> None:
     """Make a folder and those above it that are missing; all of them are on disk after that."""
     if path.is_dir():

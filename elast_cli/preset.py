@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import elast_cli
 from elast_cli.config import JsonDict, StrictModel, parse_yaml, read_yaml, validate
 from elast_cli.errors import ConfigError, UsageError, suggestion
+from elast_cli.files import expanded
 
 DEFAULT = "standard"
 ENV = "env"  # the section of the environment's own configuration
@@ -93,7 +94,7 @@ def load(
     ]
     if overrides:
         layers.append((_overrides(overrides), "--set"))
-    layers += [(_overrides([text]), flag) for flag, text in flags]
+    layers += [(_overrides([text], flag), flag) for flag, text in flags]
     data: dict[str, Any] = {key: of().model_dump(mode="json") for key, of in sections.items()}
     for layer, where in layers:
         data = _checked(_merge(data, layer), sections, where)
@@ -123,7 +124,7 @@ def folders() -> Iterator[Path]:
     """Where presets are looked for, the first wins: here, $ELAST_HOME, what elast came with."""
     yield Path("configs")
     if home := os.environ.get("ELAST_HOME"):
-        yield Path(home).expanduser() / "configs"
+        yield expanded(home) / "configs"
     package = Path(elast_cli.__file__).resolve().parent
     installed = package / "configs"  # in a wheel; beside the package in a checkout
     yield installed if installed.is_dir() else package.parent / "configs"
@@ -142,7 +143,7 @@ def _files(name: str, env: str) -> list[Path]:
     return found
 
 
-def _overrides(texts: Sequence[str]) -> JsonDict:
+def _overrides(texts: Sequence[str], flag: str = "--set") -> JsonDict:
     """All `section.key=value` texts as one nested mapping; values are read as YAML."""
     merged: JsonDict = {}
     for text in texts:
@@ -150,11 +151,11 @@ def _overrides(texts: Sequence[str]) -> JsonDict:
         keys = path.strip().split(".")
         if not equals or len(keys) < 2 or not all(keys):
             raise ConfigError(
-                f"--set {text!r}: expected section.key=value, as in encoder.fit.steps=3000"
+                f"{flag} {text!r}: expected section.key=value, as in encoder.fit.steps=3000"
             )
-        parsed = parse_yaml(f"value: {value}\n".encode(), f"--set {text}")
+        parsed = parse_yaml(f"value: {value}\n".encode(errors="surrogateescape"), f"{flag} {text}")
         if set(parsed) != {"value"}:
-            raise ConfigError(f"--set {text!r}: the value is not one line of YAML")
+            raise ConfigError(f"{flag} {text!r}: the value is not one line of YAML")
         nested: Any = parsed["value"]
         for key in reversed(keys):
             nested = {key: nested}

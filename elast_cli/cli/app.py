@@ -83,6 +83,7 @@ def main() -> NoReturn:
 def run(arguments: Sequence[str]) -> int:
     """The exit code of a command line."""
     try:
+        _refuse_lost_folder()
         code = app(list(arguments), prog_name="elast", standalone_mode=False)
     except ElastError as error:
         return fail(str(error), error.exit_code)
@@ -97,6 +98,14 @@ def run(arguments: Sequence[str]) -> int:
     if code == 130:  # typer turns Ctrl-C into this
         return fail("interrupted; the same command continues", code)
     return code if isinstance(code, int) else 0
+
+
+def _refuse_lost_folder() -> None:
+    """Raise StorageError if the working directory was removed: libraries fail without one."""
+    try:
+        os.getcwd()
+    except OSError:
+        raise StorageError("the working directory was removed; run: cd") from None
 
 
 def _usage_error(error: TyperException, arguments: Sequence[str]) -> str:

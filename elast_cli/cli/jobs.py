@@ -41,12 +41,13 @@ def job_of(
     _refuse_contradiction(running)
     progress = _reporter(quiet=running.quiet)
     flags = [*lineage.overrides(), *extra]
+    config = _config(env, lineage, flags)
     _note_unused([*(("--set", text) for text in lineage.set or []), *flags], uses, progress)
     return Job(
         store=_store(),
         env=env,
         preset=lineage.preset,
-        config=_config(env, lineage, flags),
+        config=config,
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,

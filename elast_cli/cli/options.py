@@ -18,6 +18,7 @@ from typer import Option
 from elast_cli.models.parts import CONTEXT, DATASET
 
 MAX_SEED = 2**63 - 1
+MAX_CORES = 1024
 
 Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
@@ -116,9 +117,10 @@ class Running:
     """How to run; only device and threads are part of an artifact's recipe."""
 
     device: Annotated[str, Option(metavar="auto|cpu|cuda", help="Where torch computes.")] = "auto"
-    threads: Annotated[int, Option(min=1, help="Torch threads a process.")] = 1
+    threads: Annotated[int, Option(min=1, max=MAX_CORES, help="Torch threads a process.")] = 1
     workers: Annotated[
-        int, Option(min=0, help="Processes; 0: one a core. Never changes a result.")
+        int,
+        Option(min=0, max=MAX_CORES, help="Processes; 0: one a core. Never changes a result."),
     ] = 0
     memory: Annotated[
         float,

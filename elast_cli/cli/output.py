@@ -98,10 +98,23 @@ def forgive_streams() -> None:
 
     Results and exit codes do not depend on whether stderr is open, full, or of another encoding.
     """
+    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
             stream.reconfigure(errors="backslashreplace")
     sys.stderr = cast(TextIO, Forgiving(sys.stderr))
+
+
+def _open_streams() -> None:
+    """Let streams that the shell closed (`>&-`) lead nowhere.
+
+    Else the next file that is opened takes the number of such a stream, and its text with it.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 
 class Forgiving:

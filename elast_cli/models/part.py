@@ -40,9 +40,9 @@ class FitConfig(StrictModel):
     """
 
     steps: int = Field(gt=0)
-    batch_size: int = Field(gt=1)
-    learning_rate: float = Field(default=1e-3, gt=0)
-    weight_decay: float = Field(default=0.0, ge=0)
+    batch_size: int = Field(gt=1, le=65_536)
+    learning_rate: float = Field(default=1e-3, gt=0, le=1)
+    weight_decay: float = Field(default=0.0, ge=0, le=1)
     precision: Precision = "float32"
     log_every: int = Field(default=100, gt=0)
     save_every: int = Field(default=500, gt=0)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from elast_cli.compiled import MADE, PLACE, VARIABLE
 from elast_cli.engine.local import usable_cores
 from elast_cli.errors import UnavailableError
+from elast_cli.files import expanded
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -174,7 +175,7 @@ def _render_error(backend: str) -> str | None:
 
 
 def _home() -> Path:
-    return Path(os.environ.get("ELAST_HOME") or ".").expanduser().absolute()
+    return expanded(os.environ.get("ELAST_HOME") or ".").absolute()
 
 
 def _there(home: Path) -> Path:

@@ -28,10 +28,8 @@ def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
         UsageError: a kind that there cannot be.
         MissingInputError: $ELAST_HOME names no folder.
     """
-    known = [*parts.kinds(), "plan", "eval", "report"]
-    if kind is not None and kind not in known:
-        hint = suggestion(kind, known)
-        raise UsageError(f"unknown kind {kind!r}{hint}; choose {', '.join(known)}")
+    if kind is not None:
+        _refuse_unknown(kind)
     if not store.home.is_dir():
         raise MissingInputError(f"ELAST_HOME: {store.home} is no folder")
     rows: list[JsonDict] = []
@@ -54,6 +52,21 @@ def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
     return rows
 
 
+def _refuse_unknown(kind: str) -> None:
+    """Raise UsageError if there can be no artifact of a kind."""
+    known = [*parts.kinds(), "plan", "eval", "report"]
+    if kind not in known:
+        hint = suggestion(kind, known)
+        raise UsageError(f"unknown kind {kind!r}{hint}; choose {', '.join(known)}")
+
+
+def _named(text: str) -> Ref:
+    """The ref that a user typed. Raises UsageError: there can be no such artifact."""
+    ref = Ref.parse(text)
+    _refuse_unknown(ref.kind)
+    return ref
+
+
 def listing_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """The listing for people."""
     table = _table("ref", "preset", "seed", "size", "created", "metrics")
@@ -74,7 +87,7 @@ def listing_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def description(store: Store, text: str) -> JsonDict:
     """Manifest, folder and lineage of an artifact."""
-    ref = Ref.parse(text)
+    ref = _named(text)
     manifest = store.manifest(ref)
     return {
         "ref": text,
@@ -141,7 +154,7 @@ def verified(store: Store, texts: Sequence[str]) -> list[JsonDict]:
     Raises:
         MissingInputError: a named artifact does not exist.
     """
-    refs = [Ref.parse(text) for text in texts] or store.refs()
+    refs = [_named(text) for text in texts] or store.refs()
     rows: list[JsonDict] = []
     for ref in refs:
         try:

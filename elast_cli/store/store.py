@@ -25,7 +25,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from elast_cli.errors import DataError, MissingInputError
-from elast_cli.files import storage_errors
+from elast_cli.files import expanded, storage_errors
 from elast_cli.store.leftovers import removed
 from elast_cli.store.lineage import LineageNode, lineage, postorder
 from elast_cli.store.locks import held
@@ -54,7 +54,7 @@ class Store:
 
     def __init__(self, home: Path) -> None:
         """A store in `home`, which need not exist yet; nothing is written before a run begins."""
-        self.home = home.expanduser().absolute()
+        self.home = expanded(home).absolute()
         self._verified: dict[tuple[str, str], tuple[int, int, int]] = {}
 
     @classmethod

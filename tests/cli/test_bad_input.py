@@ -71,6 +71,30 @@ from tests.toys.command_line import COLLECT, fails
             ["collect", "--env", "planar-arm", "--set", "env.limit=2.75"],
             ["twice the limit", "multiple"],
         ),
+        *(
+            (78, ["collect", "--env", env, "--set", f"env.{key}={value}"], [f"env.{key}", words])
+            for env, key, value, words in (
+                ("block-s", "displacement", "1e300", "less than"),
+                ("block-s", "walls", "[[1, 1, 0, 0]]", "x_min, y_min, x_max, y_max"),
+                ("block-s", "walls", "[[-1e300, 0, 1, 1]]", "greater than"),
+                ("block-asym", "drift", "[1e300, 0]", "less than"),
+                ("cable", "iterations", "1000000000", "less than"),
+                ("planar-arm", "lengths", "[-1, 0]", "greater than"),
+                ("planar-arm", "cell", "1e-9", "greater than"),
+            )
+        ),
+        (78, ["collect", "--env", "block-s", "--n", "9" * 20], ["--n collect.n=", "64 bits"]),
+        (78, ["collect", "--env", "block-s", "--set", "collect.n=\udcff"], ["not UTF-8"]),
+        *(
+            (78, ["run", "--env", "block-s", "--set", f"policy.fit.{text}"], ["policy.fit", "less"])
+            for text in ("learning_rate=1e300", "weight_decay=1e300", "batch_size=100000000")
+        ),
+        *(
+            (2, ["run", flag, "999999999999"], [flag, "1024"])
+            for flag in ("--threads", "--workers")
+        ),
+        (2, ["show", "block-s/nope/v1"], ["unknown kind 'nope'", "encoder"]),
+        (2, ["verify", "block-s/nope/v1"], ["unknown kind 'nope'", "encoder"]),
     ],
 )
 def test_bad_input_is_one_line_and_an_exit_code(
@@ -91,6 +115,14 @@ def test_a_broken_config_file_is_named(home: Path, capsys: pytest.CaptureFixture
     path.write_text("collect: {n: -3}")
     arguments = ["collect", "--env", "block-s", "--preset", "mine"]
     fails(capsys, 78, arguments, "_default.yaml", "collect.n", "-3")
+
+
+def test_a_home_of_an_unknown_user_is_an_io_error(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments in (["ls"], COLLECT):
+        monkeypatch.setenv("ELAST_HOME", "~nobody-of-that-name/store")
+        fails(capsys, 74, arguments, "~nobody-of-that-name/store", "set ELAST_HOME")
 
 
 def test_a_home_that_is_a_file_is_an_io_error(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.envs.flat.rectangles import Rect, check_cells, check_lanes, check_range
 
+Share = Annotated[float, Field(ge=-1, le=1)]
 LAYOUT_CELL = 0.01  # lengths of changing walls are multiples of it, in workspace widths
 
 
@@ -17,9 +20,9 @@ class BlockConfig(StrictModel):
     walls: tuple[Rect, ...] = ((0.0, 0.31, 0.82, 0.35), (0.18, 0.65, 1.0, 0.69))
     ends: tuple[Rect, Rect] = ((0.05, 0.05, 0.15, 0.26), (0.85, 0.74, 0.95, 0.95))
     half_size: float = Field(0.05, gt=0, lt=0.5, description="half the side of the block")
-    displacement: float = Field(0.07, gt=0, description="of action 1, per axis and step")
-    success_radius: float = Field(0.05, gt=0, description="Euclidean, between block centres")
-    substeps: int = Field(20, ge=1, description="physics steps per environment step")
+    displacement: float = Field(0.07, gt=0, le=1, description="of action 1, per axis and step")
+    success_radius: float = Field(0.05, gt=0, le=2, description="Euclidean, between block centres")
+    substeps: int = Field(20, ge=1, le=1000, description="physics steps per environment step")
 
 
 class BlockAsymConfig(BlockConfig):
@@ -27,9 +30,9 @@ class BlockAsymConfig(BlockConfig):
 
     walls: tuple[Rect, ...] = ((0.22, 0.22, 0.66, 0.78),)
     ends: tuple[Rect, Rect] = ((0.71, 0.05, 0.95, 0.45), (0.71, 0.83, 0.95, 0.95))
-    substeps: int = Field(40, ge=1, description="physics steps per environment step")
+    substeps: int = Field(40, ge=1, le=1000, description="physics steps per environment step")
     stream: Rect = (0.66, 0.22, 1.0, 0.78)
-    drift: tuple[float, float] = Field((0.0, -0.1), description="in the stream, of a step")
+    drift: tuple[Share, Share] = Field((0.0, -0.1), description="in the stream, of a step")
 
 
 class BlockParamConfig(BlockConfig):

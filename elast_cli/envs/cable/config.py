@@ -18,19 +18,25 @@ class CableConfig(StrictModel):
     walls: tuple[Rect, ...] = ((0.31, 0.0, 0.35, 0.5), (0.65, 0.5, 0.69, 1.0))
     length: float = Field(0.4, gt=0, lt=1, description="of the cable")
     radius: float = Field(0.02, gt=0, lt=0.1, description="of the cable")
-    displacement: float = Field(0.05, gt=0, description="of the head at action 1, per axis, step")
-    success_radius: float = Field(0.05, gt=0, description="mean distance of the nodes")
-    apart: float = Field(0.15, ge=0, description="least distance of a scenario's start from goal")
-    shaping_steps: int = Field(50, ge=0, description="random steps that shape starts and goals")
-    head_force: float = Field(2.0, gt=0, description="greatest force on the head")
-    stiffness: float = Field(0.1, ge=0, description="of a joint's spring, per rad")
-    friction: float = Field(0.01, ge=0, description="torque that a joint withstands")
+    displacement: float = Field(
+        0.05, gt=0, le=1, description="of the head at action 1, per axis, step"
+    )
+    success_radius: float = Field(0.05, gt=0, le=2, description="mean distance of the nodes")
+    apart: float = Field(
+        0.15, ge=0, le=2, description="least distance of a scenario's start from goal"
+    )
+    shaping_steps: int = Field(
+        50, ge=0, le=10_000, description="random steps that shape starts and goals"
+    )
+    head_force: float = Field(2.0, gt=0, le=1e3, description="greatest force on the head")
+    stiffness: float = Field(0.1, ge=0, le=1e3, description="of a joint's spring, per rad")
+    friction: float = Field(0.01, ge=0, le=1e3, description="torque that a joint withstands")
     bend: float = Field(0.25, gt=0, lt=1, description="greatest angle of a joint, rad")
     inertia: float = Field(
-        100.0, ge=1, description="factor on the segments' moments, for stability"
+        100.0, ge=1, le=1e6, description="factor on the segments' moments, for stability"
     )
-    substeps: int = Field(20, ge=1, description="physics steps per environment step")
-    iterations: int = Field(12, ge=1, description="of the constraint solver")
+    substeps: int = Field(20, ge=1, le=1000, description="physics steps per environment step")
+    iterations: int = Field(12, ge=1, le=1000, description="of the constraint solver")
 
 
 class CableParamConfig(CableConfig):

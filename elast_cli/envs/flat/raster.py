@@ -41,7 +41,8 @@ def rectangle(image: Floats, rect: Rect, colour: Colour) -> tuple[slice, slice, 
 
 def _coverage(low: float, high: float) -> tuple[slice, Floats]:
     """Pixels that the interval [low, high] touches, and the covered share of each."""
-    first, last = max(math.floor(low), 0), min(math.ceil(high), IMAGE_SIZE)
+    first = min(max(math.floor(low), 0), IMAGE_SIZE)
+    last = max(min(math.ceil(high), IMAGE_SIZE), first)
     share = [1.0] * (last - first)
     if share:  # only the first and the last can be covered in part
         share[0] = min(first + 1, high) - max(first, low)

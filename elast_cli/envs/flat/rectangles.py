@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from elast_cli.envs.scenario import Vector
 from elast_cli.errors import ConfigError
 
-Rect = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
+
+def _ordered(rect: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if rect[0] > rect[2] or rect[1] > rect[3]:
+        raise ValueError("a rectangle reads x_min, y_min, x_max, y_max")
+    return rect
+
+
+Side = Annotated[float, Field(ge=-1, le=2)]  # of a rectangle, near the unit square
+Rect = Annotated[tuple[Side, Side, Side, Side], AfterValidator(_ordered)]
 _DIGITS = 6  # decimals that single precision keeps of a length in the unit square
 
 

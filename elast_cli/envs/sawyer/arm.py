@@ -25,6 +25,7 @@ HAND = slice(0, 3)
 _STIFFNESS = 40.0  # N m/rad towards the posture, in the arm's null space
 _SETTLING_STEPS = 6
 _PENETRATION = 0.001  # m; of a drawn start, at most
+_OFF = 0.005  # m; from its drawn place, at most: farther off, the hand cannot get there
 
 
 class SawyerTask(SimulatedTask):
@@ -93,7 +94,7 @@ class SawyerTask(SimulatedTask):
         """Who draws; made for the first image, so that training needs no OpenGL.
 
         Raises:
-            ConfigError: if its library is not installed.
+            UnavailableError: if its library is not installed.
         """
         return make_renderer(self.config.renderer, self.model, self.data, self.config.camera)
 
@@ -129,6 +130,7 @@ class SawyerTask(SimulatedTask):
         finally:
             self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.data.qvel[:] = 0.0
+        self._off = float(np.linalg.norm(self.hand - place))
 
     def _move(self, here: Floats, there: Floats, grip: float) -> None:
         """One step of time in which the hand is sent from one place to another.
@@ -166,9 +168,9 @@ class SawyerTask(SimulatedTask):
         return torque
 
     def _is_free(self) -> bool:
-        """Whether nothing overlaps."""
+        """Whether the hand is where it was placed, and nothing overlaps."""
         contacts = self.data.contact[: self.data.ncon]
-        return all(contact.dist > -_PENETRATION for contact in contacts)
+        return self._off < _OFF and all(contact.dist > -_PENETRATION for contact in contacts)
 
 
 def hand_distance(state: Vector, goal: Vector) -> float:

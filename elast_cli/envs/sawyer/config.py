@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
-from typing import Literal
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from elast_cli.config import StrictModel
 
-Point = tuple[float, float, float]
+MOST = 2.0  # m; every place and length lies within it
+
+Place = Annotated[float, Field(ge=-MOST, le=MOST)]
+Length = Annotated[float, Field(gt=0, le=MOST)]
+Offset = Annotated[float, Field(ge=0, le=MOST)]
+Point = tuple[Place, Place, Place]
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ValueError("the first must not exceed the second")
+    return bounds
+
+
+def _installed() -> str:
+    try:
+        return version("mujoco")
+    except PackageNotFoundError:
+        return "none"  # importing it says how to install it
+
+
+Range = Annotated[tuple[Place, Place], AfterValidator(_ordered)]
 RendererName = Literal["raster", "egl", "osmesa"]
 
 
@@ -18,7 +39,7 @@ class CameraConfig(StrictModel):
 
     place: Point = (1.0, 0.1, 0.8)
     target: Point = (0.0, 0.6, 0.2)
-    fovy: float = Field(38.0, gt=0, lt=180, description="vertical angle of view, degrees")
+    fovy: float = Field(38.0, ge=1, le=150, description="vertical angle of view, degrees")
 
     @model_validator(mode="after")
     def _looks_aslant(self) -> CameraConfig:
@@ -31,15 +52,15 @@ class SawyerConfig(StrictModel):
     """What all Sawyer tasks share; lengths in m."""
 
     renderer: RendererName = Field("raster", description="who draws: ours, or OpenGL")
-    mujoco: str = Field(
-        default_factory=lambda: version("mujoco"), description="version of the physics engine"
-    )
+    mujoco: str = Field(default_factory=_installed, description="version of the physics engine")
     camera: CameraConfig = CameraConfig()
     box: tuple[Point, Point] = Field(
         ((-0.25, 0.42, 0.06), (0.25, 0.78, 0.36)), description="where the hand may be: low, high"
     )
-    displacement: float = Field(0.03, gt=0, description="of action 1, per axis and step")
-    substeps: int = Field(40, ge=2, description="physics steps (2.5 ms) per environment step")
+    displacement: Length = Field(0.03, description="of action 1, per axis and step")
+    substeps: int = Field(
+        40, ge=2, le=400, description="physics steps (2.5 ms) per environment step"
+    )
     moving: float = Field(0.4, gt=0, le=1, description="share of a step in which the hand is moved")
 
     @model_validator(mode="after")
@@ -53,8 +74,8 @@ class SawyerConfig(StrictModel):
 class ReachConfig(SawyerConfig):
     """Reach: to an arm pose."""
 
-    success_radius: float = Field(0.03, gt=0, description="of the hand")
-    apart: float = Field(0.2, gt=0, description="least distance from start to goal")
+    success_radius: Length = Field(0.03, description="of the hand")
+    apart: Length = Field(0.2, description="least distance from start to goal")
 
 
 class ButtonConfig(SawyerConfig):
@@ -62,10 +83,10 @@ class ButtonConfig(SawyerConfig):
 
     camera: CameraConfig = CameraConfig(place=(0.6, 0.2, 0.55), target=(0.0, 0.67, 0.15), fovy=36.0)
     box: tuple[Point, Point] = ((-0.14, 0.54, 0.07), (0.14, 0.80, 0.25))
-    hand_radius: float = Field(0.03, gt=0, description="of success")
-    depth_radius: float = Field(0.01, gt=0, description="of success")
-    depth: tuple[float, float] = Field((0.025, 0.05), description="least and greatest, of goals")
-    contact: float = Field(0.02, ge=0, description="greatest offset of a goal's hand, x and z")
+    hand_radius: Length = Field(0.03, description="of success")
+    depth_radius: Length = Field(0.01, description="of success")
+    depth: Range = Field((0.025, 0.05), description="least and greatest, of goals")
+    contact: Offset = Field(0.02, description="greatest offset of a goal's hand, x and z")
     pressed_share: float = Field(0.3, ge=0, le=1, description="of random starts: held pressed")
 
 
@@ -76,11 +97,11 @@ class DrawerConfig(SawyerConfig):
         place=(0.6, 0.15, 0.55), target=(0.0, 0.64, 0.11), fovy=38.0
     )
     box: tuple[Point, Point] = ((-0.12, 0.46, 0.07), (0.12, 0.78, 0.24))
-    hand_radius: float = Field(0.04, gt=0, description="of success")
-    opening_radius: float = Field(0.015, gt=0, description="of success")
-    apart: float = Field(0.05, gt=0, description="least change of the opening")
+    hand_radius: Length = Field(0.04, description="of success")
+    opening_radius: Length = Field(0.015, description="of success")
+    apart: Length = Field(0.05, description="least change of the opening")
     most_open: float = Field(0.15, gt=0, le=0.16, description="of starts and goals")
-    contact: float = Field(0.03, ge=0, description="greatest offset of a goal's hand, x")
+    contact: Offset = Field(0.03, description="greatest offset of a goal's hand, x")
 
 
 class HammerConfig(SawyerConfig):
@@ -90,19 +111,15 @@ class HammerConfig(SawyerConfig):
         place=(0.62, 0.05, 0.55), target=(0.1, 0.58, 0.1), fovy=42.0
     )
     box: tuple[Point, Point] = ((-0.10, 0.42, 0.05), (0.19, 0.67, 0.20))
-    nail_radius: float = Field(0.015, gt=0, description="of success")
-    head_radius: float = Field(0.03, gt=0, description="of success")
-    depth: tuple[float, float] = Field((0.03, 0.09), description="of the nail in goals")
-    off_centre: float = Field(
-        0.012, ge=0, description="greatest offset of a goal's hammer, x and z"
-    )
-    lying: tuple[tuple[float, float], tuple[float, float]] = Field(
+    nail_radius: Length = Field(0.015, description="of success")
+    head_radius: Length = Field(0.03, description="of success")
+    depth: Range = Field((0.03, 0.09), description="of the nail in goals")
+    off_centre: Offset = Field(0.012, description="greatest offset of a goal's hammer, x and z")
+    lying: tuple[Range, Range] = Field(
         ((-0.08, 0.04), (0.45, 0.56)), description="where the hammer lies at first, x and y"
     )
-    grasp: tuple[float, float] = Field(
-        (0.02, 0.11), description="along the handle, from its middle"
-    )
-    straddle: tuple[float, float] = Field((0.055, 0.1), description="height of a hand about it")
+    grasp: Range = Field((0.02, 0.11), description="along the handle, from its middle")
+    straddle: Range = Field((0.055, 0.1), description="height of a hand about it")
     grip_bias: float = Field(0.7, ge=0, le=1, description="added to the gripper's action")
     held_share: float = Field(0.5, ge=0, le=1, description="of random starts: in the hand")
     between_share: float = Field(0.3, ge=0, le=1, description="likewise: between open fingers")

@@ -11,7 +11,8 @@ import numpy as np
 from elast_cli.envs.sawyer.config import CameraConfig
 from elast_cli.envs.sawyer.physics import has_opengl, mujoco
 from elast_cli.envs.scenario import Frame
-from elast_cli.errors import ConfigError
+from elast_cli.errors import UnavailableError
+from elast_cli.files import one_line
 from elast_cli.shapes import IMAGE_SIZE
 
 _PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}  # of Debian
@@ -26,18 +27,20 @@ class OpenGlRenderer:
         """Open a picture of 64x64 pixels.
 
         Raises:
-            ConfigError: if the library is not there; it names the packages that have it.
+            UnavailableError: if OpenGL is not there, or does not work.
         """
         if not has_opengl(name):
-            raise ConfigError(
-                f"renderer {name}: its library is not installed (Debian: apt install "
-                f"{_PACKAGES[name]}); the default renderer, raster, needs none"
-            )
+            raise _unavailable(name, "its library is not installed")
         model.vis.global_.fovy = camera.fovy
         model.vis.quality.shadowsize, model.vis.quality.offsamples = _SHADOWS, _SAMPLES
-        context = import_module(f"mujoco.{name}").GLContext
-        setattr(import_module("mujoco.gl_context"), "GLContext", context)  # noqa: B010
-        self._renderer = mujoco.Renderer(model, IMAGE_SIZE, IMAGE_SIZE)
+        try:
+            context = import_module(f"mujoco.{name}").GLContext
+            setattr(import_module("mujoco.gl_context"), "GLContext", context)  # noqa: B010
+            # else one that fails half-way complains again when it is dropped
+            context._context = mujoco.Renderer._mjr_context = None
+            self._renderer = mujoco.Renderer(model, IMAGE_SIZE, IMAGE_SIZE)
+        except Exception as reason:  # a driver fails in many ways
+            raise _unavailable(name, one_line(reason)) from None
         atexit.register(self._renderer.close)
         self._camera, self._option = _free_camera(camera), mujoco.MjvOption()
         self._option.sitegroup[:] = 0  # Metaworld marks its own goals by coloured balls
@@ -47,6 +50,14 @@ class OpenGlRenderer:
         self._renderer.update_scene(data, self._camera, self._option)
         image: Frame = self._renderer.render()
         return image
+
+
+def _unavailable(name: str, reason: str) -> UnavailableError:
+    """What is wrong with a renderer, and the packages that have its library."""
+    return UnavailableError(
+        f"renderer {name}: {reason} (Debian: apt install {_PACKAGES[name]}); "
+        "the default renderer, raster, needs none"
+    )
 
 
 def _free_camera(camera: CameraConfig) -> mujoco.MjvCamera:

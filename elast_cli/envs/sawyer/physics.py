@@ -1,6 +1,7 @@
-"""MuJoCo, imported even where `MUJOCO_GL` names an OpenGL that is not there, and without its log.
+"""MuJoCo, imported whatever `MUJOCO_GL` says, and without its log.
 
-MuJoCo itself then fails to import, though only its own renderer needs OpenGL.
+MuJoCo itself fails to import where that names an OpenGL that is not there, or none at all. Only its
+own renderer needs one.
 """
 
 from __future__ import annotations
@@ -8,7 +9,11 @@ from __future__ import annotations
 import ctypes.util
 import os
 
+from elast_cli.errors import UnavailableError
+from elast_cli.files import one_line
+
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
+_GL = "MUJOCO_GL"
 
 
 def has_opengl(name: str) -> bool:
@@ -16,14 +21,21 @@ def has_opengl(name: str) -> bool:
     return ctypes.util.find_library(_LIBRARIES[name]) is not None
 
 
-_asked = os.environ.get("MUJOCO_GL", "").lower().strip()
-if _asked in _LIBRARIES and not has_opengl(_asked):
-    os.environ["MUJOCO_GL"] = "disable"
+try:
     import mujoco
-
-    os.environ["MUJOCO_GL"] = _asked
-else:
-    import mujoco
+except (AttributeError, ImportError, RuntimeError):
+    _asked = os.environ.get(_GL)
+    os.environ[_GL] = "disable"
+    try:
+        import mujoco
+    except (AttributeError, ImportError, RuntimeError) as reason:
+        raise UnavailableError(
+            f"MuJoCo cannot be imported: {one_line(reason)}; run: pip install mujoco"
+        ) from None
+    finally:
+        del os.environ[_GL]
+        if _asked is not None:
+            os.environ[_GL] = _asked
 
 # MuJoCo would write them into a file of the working directory; `unstable` asks for them instead
 mujoco.set_mju_user_warning(lambda _text: None)

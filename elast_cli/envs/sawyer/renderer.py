@@ -136,7 +136,7 @@ def make_renderer(
     """The renderer of that name; `data` is a state whose places are known.
 
     Raises:
-        ConfigError: if it needs an OpenGL that is not installed.
+        UnavailableError: if it needs an OpenGL that is not there.
     """
     if name == "raster":
         return RasterRenderer(model, data, camera, SAMPLES)

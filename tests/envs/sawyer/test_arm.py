@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +16,7 @@ from elast_cli.envs.random_policy import RandomPolicy
 from elast_cli.envs.sawyer import scene
 from elast_cli.envs.sawyer.arm import SawyerTask
 from elast_cli.envs.sawyer.physics import mujoco
-from elast_cli.errors import ConfigError
+from elast_cli.errors import ConfigError, UnavailableError
 
 
 def made(name: str = "reach", **config: object) -> SawyerTask:
@@ -96,8 +100,63 @@ def test_a_camera_does_not_look_straight_down() -> None:
 
 
 def test_an_unknown_scene_is_one_line() -> None:
-    with pytest.raises(ConfigError, match="metaworld has no scene nothing"):
+    with pytest.raises(UnavailableError, match=r"metaworld has no scene nothing.*pip install"):
         scene.load("nothing")
+
+
+def test_a_damaged_scene_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene, "_folder", lambda: tmp_path)
+    (tmp_path / "odd.xml").write_text("<mujoco><oops")
+    with pytest.raises(UnavailableError, match=r"scene odd.xml is another one.*pip install"):
+        scene.load("odd")
+    (tmp_path / "odd.xml").write_text("<mujoco/>")  # without an arm
+    with pytest.raises(UnavailableError, match=r"scene odd.xml is another one.*pip install"):
+        scene.load("odd")
+
+
+@pytest.mark.parametrize(
+    ("name", "config", "words"),
+    [
+        ("reach", {"substeps": 1_000_000_000}, "substeps.*less than or equal"),
+        ("reach", {"displacement": 1e300}, "displacement.*less than or equal"),
+        ("reach", {"box": [[-1e9, -1e9, -1e9], [1e9, 1e9, 1e9]]}, "box.*greater than or equal"),
+        ("reach", {"camera": {"fovy": 1e-300}}, "fovy.*greater than or equal"),
+        ("reach", {"camera": {"target": [1e200, 0, 0]}}, "target.*less than or equal"),
+        ("button", {"depth": [0.05, 0.025]}, "the first must not exceed the second"),
+        ("hammer", {"lying": [[0.04, -0.08], [0.45, 0.56]]}, "the first must not exceed"),
+    ],
+)
+def test_a_world_that_cannot_be_is_one_line(
+    name: str, config: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        registry.make(name, config)
+
+
+def test_a_box_out_of_reach_is_one_line() -> None:
+    with pytest.raises(ConfigError, match="no free place for the hand"):
+        made(box=((1.0, 1.0, 1.0), (2.0, 2.0, 2.0)), substeps=4)
+
+
+@pytest.mark.parametrize("asked", ["garbage", "osmesa"])
+def test_mujoco_is_imported_whatever_opengl_is_asked_for(asked: str) -> None:
+    program = "import os; from elast_cli.envs.sawyer.physics import mujoco as m; "
+    program += "print(m.__version__, os.environ['MUJOCO_GL'])"
+    environment = {**os.environ, "MUJOCO_GL": asked}
+    run = [sys.executable, "-c", program]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [mujoco.__version__, asked]
+    assert done.stderr == ""
+
+
+def test_a_broken_mujoco_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "mujoco.py").write_text("raise ImportError('libmujoco.so.3: no such file')")
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    run = [sys.executable, "-m", "elast_cli", "collect", "--env", "reach", "--n", "20"]
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 69
+    assert re.fullmatch("elast: MuJoCo cannot be .*libmujoco.*; run: pip install .*\n", done.stderr)
 
 
 def test_unstable_physics_are_one_line_and_leave_no_file(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from elast_cli.envs import registry
 from elast_cli.envs.sawyer import mesh, raster, renderer
 from elast_cli.envs.sawyer.arm import SawyerTask
 from elast_cli.envs.sawyer.physics import has_opengl, mujoco
-from elast_cli.errors import ConfigError
+from elast_cli.errors import UnavailableError
 
 TASKS = ("reach", "button", "drawer", "hammer")
 
@@ -126,5 +128,16 @@ def test_opengl_sees_the_same_scene() -> None:
 
 def test_a_missing_opengl_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("elast_cli.envs.sawyer.opengl.has_opengl", lambda _: False)
-    with pytest.raises(ConfigError, match=r"library is not installed .* libosmesa6"):
+    with pytest.raises(UnavailableError, match=r"library is not installed .* libosmesa6"):
         made("reach", renderer="osmesa")
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_an_opengl_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not has_opengl("egl"):
+        pytest.skip("no EGL on this machine")
+    monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")
+    monkeypatch.setattr("mujoco.egl.EGL_DISPLAY", None)
+    with pytest.raises(UnavailableError, match=r"renderer egl: .*MUJOCO_EGL_DEVICE_ID.*libegl1"):
+        made("reach", renderer="egl")
+    gc.collect()
