@@ -40,9 +40,8 @@ def job_of(
 
     _refuse_contradiction(running)
     progress = _reporter(quiet=running.quiet)
-    flags = [*lineage.overrides(), *extra]
-    config = _config(env, lineage, flags)
-    _note_unused([*(("--set", text) for text in lineage.set or []), *flags], uses, progress)
+    config = _config(env, lineage, extra)
+    _note_unused(lineage, extra, uses, progress)
     return Job(
         store=_store(),
         env=env,
@@ -76,7 +75,7 @@ def _store() -> Store:
 def _config(env: str, lineage: Lineage, extra: Sequence[Override]) -> Preset:
     from elast_cli.stages import presets
 
-    return presets.load(lineage.preset, env, lineage.set or [], extra)
+    return presets.load(lineage.preset, env, lineage.set or [], [*lineage.overrides(), *extra])
 
 
 def _cores() -> int:
@@ -99,10 +98,11 @@ def _refuse_contradiction(running: Running) -> None:
 
 
 def _note_unused(
-    overrides: Sequence[tuple[str, str]], uses: Collection[str] | None, progress: Progress
+    lineage: Lineage, extra: Sequence[Override], uses: Collection[str] | None, progress: Progress
 ) -> None:
-    """Note overrides (flag, text) of sections that a command does not use. None: it uses all."""
-    for flag, text in overrides:
+    """Note overrides of sections that a command does not use. None: it uses all."""
+    by_set = [("--set", text) for text in lineage.set or []]
+    for flag, text in [*by_set, *lineage.overrides(), *extra]:
         section = text.partition(".")[0].strip()
         if uses is not None and section not in uses:
             progress.note(f"{flag}: section {section!r} has no effect here ({text})")
