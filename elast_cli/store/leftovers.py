@@ -27,11 +27,16 @@ def removed(roots: Sequence[Path], cache: Path) -> list[Path]:
     refuse_links(cache)
     for root in roots:
         refuse_links(root / ".staging", root / ".runs", root / LOCKS)
-    cached = [path for path in sorted(cache.glob("*")) if _CACHED.fullmatch(path.name)]
+    cached = [path for path in sorted(cache.glob("*")) if _is_cached(path)]
     with storage_errors():
         for path in cached:
             path.unlink(missing_ok=True)
     return cached + [path for root in roots for path in _below(root)]
+
+
+def _is_cached(path: Path) -> bool:
+    """Whether elast may have put it into the cache: no folder is its own."""
+    return bool(_CACHED.fullmatch(path.name)) and (path.is_symlink() or not path.is_dir())
 
 
 def _below(root: Path) -> list[Path]:

@@ -51,11 +51,13 @@ def test_gc_passes_over_what_elast_did_not_make(store: Store, elsewhere: Path) -
     digest = RECIPE.digest
     (root / ".runs" / digest).symlink_to(elsewhere)
     (root / ".staging" / f"{digest}.0").mkdir()
+    (store.cache / f"{digest}.f32" / "notes").mkdir(parents=True)
     removed = {path.name for path in store.gc()}
     assert removed == {digest, f"{digest}.0"}
     assert (elsewhere / "photos" / "one.jpg").exists()
     assert (root / ".runs" / ".DS_Store").exists()
     assert (root / ".staging" / "notes").exists()
+    assert (store.cache / f"{digest}.f32" / "notes").exists()
 
 
 def test_a_run_writes_nothing_behind_a_link(store: Store, elsewhere: Path) -> None:
