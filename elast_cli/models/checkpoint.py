@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from elast_cli.errors import DataError
-from elast_cli.files import whole_file
+from elast_cli.files import open_regular, whole_file
 from elast_cli.models.part import FitConfig
 
 CHECKPOINT = "checkpoint.pt"  # a SHA-256 in hexadecimal and a line feed, then what torch saves
@@ -88,9 +88,13 @@ class TrainingState:
         Raises:
             DataError: the checkpoint is damaged.
         """
-        if not self.path.exists():
+        try:
+            with open_regular(self.path) as file:
+                stored = file.read()
+        except FileNotFoundError:
             return False
-        stored = self.path.read_bytes()
+        except ValueError as reason:  # a folder, or a FIFO, at which reading would wait for ever
+            raise self._damaged(str(reason)) from None
         digest, content = stored[:_DIGEST], stored[_DIGEST:]
         if digest != hashlib.sha256(content).hexdigest().encode() + b"\n":
             raise self._damaged("its SHA-256 differs")

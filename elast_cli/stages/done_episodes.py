@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from elast_cli.evaluation.rows import EpisodeRow
-from elast_cli.files import whole_file
+from elast_cli.files import open_regular, whole_file
 from elast_cli.shapes import Uint8
 
 HEAD = 64  # characters of a SHA-256
@@ -67,8 +67,9 @@ def _write(path: Path, content: bytes) -> None:
 def _read(path: Path) -> bytes | None:
     """What was written, if it is unchanged."""
     try:
-        found = path.read_bytes()
-    except FileNotFoundError:
+        with open_regular(path) as file:
+            found = file.read()
+    except (FileNotFoundError, ValueError):  # ValueError: a folder, or a FIFO
         return None
     return found[HEAD:] if found[:HEAD] == _digest(path, found[HEAD:]) else None
 

@@ -127,6 +127,10 @@ def test_a_damaged_checkpoint_is_one_clear_line(tmp_path: Path) -> None:
         (tmp_path / CHECKPOINT).write_bytes(damaged)
         with pytest.raises(DataError, match=r"checkpoint\.pt: a damaged checkpoint .*--fresh"):
             train(model(), tmp_path)
+        (tmp_path / CHECKPOINT).unlink()
+    os.mkfifo(tmp_path / CHECKPOINT)  # reading it would wait for ever
+    with pytest.raises(DataError, match=r"checkpoint\.pt: a damaged checkpoint .*--fresh"):
+        train(model(), tmp_path)
 
 
 SCRIPT = """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -47,3 +49,11 @@ def test_an_episode_in_anothers_place_does_not_count(folder: Path) -> None:
         path.rename(folder / path.name.replace("7", "8"))
     assert read_row(folder, "hard", 8) is None
     assert read_frames(folder, "hard", 8) is None
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "hard-000000.json")
+    make(tmp_path / "hard-000000.npz")
+    assert read_row(tmp_path, "hard", 0) is None
+    assert read_frames(tmp_path, "hard", 0) is None
