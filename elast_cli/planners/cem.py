@@ -5,28 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from elast_cli.planners.sampling import Best, Problem, SamplingPlanner, SamplingPlannerConfig
+from elast_cli.planners.sampling import Best, EliteConfig, Problem, SamplingPlanner
 from elast_cli.seeding import derived_seed
 
 if TYPE_CHECKING:
     from torch import Tensor  # a preset reads CemConfig, which needs no torch
 
 
-class CemConfig(SamplingPlannerConfig):
+class CemConfig(EliteConfig):
     """The search. Values were chosen on validation scenarios."""
 
-    topk: int = Field(default=100, ge=2)  # a single elite has no deviation
-    var_scale: float = Field(default=1.0, gt=0)
-    min_std: float = Field(default=0.05, ge=0)
     noise_correlation: float = Field(default=0.9, ge=0, lt=1)  # of one step's noise with the next
-
-    @model_validator(mode="after")
-    def _elites(self) -> CemConfig:
-        if self.topk > self.num_samples:
-            raise ValueError("topk must not exceed num_samples")
-        return self
 
 
 @dataclass(frozen=True)

@@ -10,30 +10,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from elast_cli.planners.sampling import Best, Problem, SamplingPlanner, SamplingPlannerConfig
+from elast_cli.planners.sampling import Best, EliteConfig, Problem, SamplingPlanner
 from elast_cli.seeding import derived_seed
 
 if TYPE_CHECKING:
     from torch import Generator, Tensor
 
 
-class IcemConfig(SamplingPlannerConfig):
+class IcemConfig(EliteConfig):
     """The search; names and defaults are the paper's where it has any."""
 
-    topk: int = Field(default=100, ge=2)
-    var_scale: float = Field(default=1.0, gt=0)
-    min_std: float = Field(default=0.05, ge=0)
     noise_beta: float = Field(default=2.0, ge=0, description="exponent of the noise's spectrum")
     keep_share: float = Field(default=0.3, ge=0, le=1, description="of elites that stay")
     momentum: float = Field(default=0.1, ge=0, lt=1, description="of mean and deviation")
-
-    @model_validator(mode="after")
-    def _elites(self) -> IcemConfig:
-        if self.topk > self.num_samples:
-            raise ValueError("topk must not exceed num_samples")
-        return self
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.planners.base import Plan, PlanCost, Query
@@ -31,6 +31,20 @@ class SamplingPlannerConfig(StrictModel):
     def samples(self) -> int:
         """Action sequences that one plan rolls out."""
         return self.num_samples * self.n_steps
+
+
+class EliteConfig(SamplingPlannerConfig):
+    """What a search needs to know that refits a Gaussian to its best samples."""
+
+    topk: int = Field(default=100, ge=2)  # a single elite has no deviation
+    var_scale: float = Field(default=1.0, gt=0)
+    min_std: float = Field(default=0.05, ge=0)
+
+    @model_validator(mode="after")
+    def _elites(self) -> EliteConfig:
+        if self.topk > self.num_samples:
+            raise ValueError("topk must not exceed num_samples")
+        return self
 
 
 class Rollout(Protocol):

@@ -36,19 +36,24 @@ class SawyerTask(SimulatedTask):
     A subclass names its scene and says how starts, goals and success are drawn.
     """
 
+    config_class: ClassVar[type[SawyerConfig]]
     scene_name: ClassVar[str]
     without: ClassVar[tuple[str, ...]] = ()  # bodies of the scene that are left out
     closed: ClassVar[float] = 0.04  # m; how far a finger can close
     damping: ClassVar[dict[str, float]] = {}  # of joints, in place of Metaworld's
     grip: ClassVar[float] = 1.0  # of the gripper where no action moves it: closed
+    unit: ClassVar[str] = "tolerances"
 
-    def __init__(self, config: SawyerConfig, *, render_mode: str | None = None) -> None:
-        """Load the scene.
+    def __init__(
+        self, config: SawyerConfig | None = None, *, render_mode: str | None = None
+    ) -> None:
+        """Load the scene of a configuration.
 
         Raises:
             ConfigError: if the configuration asks for another version of MuJoCo.
         """
         super().__init__(render_mode=render_mode)
+        config = config or self.config_class()
         self.config: SawyerConfig = config
         if config.mujoco != mujoco.__version__:
             raise ConfigError(
@@ -63,6 +68,11 @@ class SawyerTask(SimulatedTask):
         self._jacobian = np.zeros((6, self.model.nv))
         self._low, self._high = (np.array(corner) for corner in config.box)
         self._place(np.mean(config.box, axis=0))
+
+    @property
+    def success_radius(self) -> float:
+        """1: everything that a goal asks for is within its tolerance."""
+        return 1.0
 
     @property
     def state(self) -> Vector:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from elast_cli.envs.sawyer.arm import ARM_NAMES, SawyerTask, hand_distance
-from elast_cli.envs.sawyer.config import ButtonConfig
+from elast_cli.envs.sawyer.config import ButtonConfig, SawyerConfig
 from elast_cli.envs.sawyer.physics import mujoco
 from elast_cli.envs.scenario import Level, Scenario, Vector, empty_layout
 from elast_cli.envs.simulated import DrawLimit
@@ -23,26 +23,14 @@ class Button(SawyerTask):
     out, so a goal has the hand in contact.
     """
 
+    config: ButtonConfig
+    config_class: ClassVar[type[SawyerConfig]] = ButtonConfig
     scene_name: ClassVar[str] = "sawyer_button_press"
     state_names: ClassVar[tuple[str, ...]] = (*ARM_NAMES, "button")
     action_size: ClassVar[int] = 3
-    unit: ClassVar[str] = "tolerances"
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 60, None, None, "from any free place to a pressed button"),
     }
-
-    def __init__(
-        self, config: ButtonConfig | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Load the scene of a configuration."""
-        config = config or ButtonConfig()
-        super().__init__(config, render_mode=render_mode)
-        self.config: ButtonConfig = config
-
-    @property
-    def success_radius(self) -> float:
-        """1: hand and button are both within their tolerances."""
-        return 1.0
 
     def distance(self, state: Vector, goal: Vector) -> float:
         """The greater of the hand's and the button's distance, in their tolerances."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from elast_cli.envs.sawyer.arm import ARM_NAMES, SawyerTask, hand_distance
-from elast_cli.envs.sawyer.config import DrawerConfig
+from elast_cli.envs.sawyer.config import DrawerConfig, SawyerConfig
 from elast_cli.envs.sawyer.physics import mujoco
 from elast_cli.envs.scenario import Level, Scenario, Vector, empty_layout
 from elast_cli.envs.simulated import DrawLimit
@@ -25,28 +25,16 @@ class Drawer(SawyerTask):
     6 cm apart, so that the handle fits between them.
     """
 
+    config: DrawerConfig
+    config_class: ClassVar[type[SawyerConfig]] = DrawerConfig
     scene_name: ClassVar[str] = "sawyer_drawer"
     closed: ClassVar[float] = 0.02
     damping: ClassVar[dict[str, float]] = {"goal_slidey": 20.0}  # it does not roll on by itself
     state_names: ClassVar[tuple[str, ...]] = (*ARM_NAMES, "drawer")
     action_size: ClassVar[int] = 3
-    unit: ClassVar[str] = "tolerances"
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 60, None, None, "from any opening to another, both ways"),
     }
-
-    def __init__(
-        self, config: DrawerConfig | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Load the scene of a configuration."""
-        config = config or DrawerConfig()
-        super().__init__(config, render_mode=render_mode)
-        self.config: DrawerConfig = config
-
-    @property
-    def success_radius(self) -> float:
-        """1: hand and drawer are both within their tolerances."""
-        return 1.0
 
     def distance(self, state: Vector, goal: Vector) -> float:
         """The greater of the hand's and the drawer's distance, in their tolerances."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elast_cli.envs.sawyer import scene
 from elast_cli.envs.sawyer.arm import ARM_NAMES, SawyerTask
-from elast_cli.envs.sawyer.config import HammerConfig
+from elast_cli.envs.sawyer.config import HammerConfig, SawyerConfig
 from elast_cli.envs.sawyer.physics import mujoco
 from elast_cli.envs.scenario import Level, Scenario, Vector, empty_layout
 from elast_cli.envs.simulated import DrawLimit
@@ -37,6 +37,8 @@ class Hammer(SawyerTask):
     on to what they have.
     """
 
+    config: HammerConfig
+    config_class: ClassVar[type[SawyerConfig]] = HammerConfig
     scene_name: ClassVar[str] = "sawyer_hammer"
     state_names: ClassVar[tuple[str, ...]] = (
         *ARM_NAMES,
@@ -44,25 +46,11 @@ class Hammer(SawyerTask):
         "nail",
     )
     action_size: ClassVar[int] = 4
-    unit: ClassVar[str] = "tolerances"
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level(
             "standard", 80, None, None, "from a hammer on the table to a driven nail"
         ),
     }
-
-    def __init__(
-        self, config: HammerConfig | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Load the scene of a configuration."""
-        config = config or HammerConfig()
-        super().__init__(config, render_mode=render_mode)
-        self.config: HammerConfig = config
-
-    @property
-    def success_radius(self) -> float:
-        """1: the nail and the hammer's head are both within their tolerances."""
-        return 1.0
 
     def advance(self, action: Vector) -> None:
         """As for the arm; the gripper closes where the fourth number is above -`grip_bias`."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from elast_cli.envs.sawyer.arm import ARM_NAMES, SawyerTask, hand_distance
-from elast_cli.envs.sawyer.config import ReachConfig
+from elast_cli.envs.sawyer.config import ReachConfig, SawyerConfig
 from elast_cli.envs.scenario import Level, Scenario, Vector, empty_layout
 from elast_cli.envs.simulated import DrawLimit
 
@@ -18,6 +18,8 @@ class Reach(SawyerTask):
     The one level, `standard`, draws start and goal independently, at least `apart` apart.
     """
 
+    config: ReachConfig
+    config_class: ClassVar[type[SawyerConfig]] = ReachConfig
     scene_name: ClassVar[str] = "sawyer_reach_v3"
     without: ClassVar[tuple[str, ...]] = ("obj",)
     state_names: ClassVar[tuple[str, ...]] = ARM_NAMES
@@ -26,14 +28,6 @@ class Reach(SawyerTask):
     levels: ClassVar[dict[str, Level]] = {
         "standard": Level("standard", 40, None, None, "from any place of the hand to any other"),
     }
-
-    def __init__(
-        self, config: ReachConfig | None = None, *, render_mode: str | None = None
-    ) -> None:
-        """Load the scene of a configuration."""
-        config = config or ReachConfig()
-        super().__init__(config, render_mode=render_mode)
-        self.config: ReachConfig = config
 
     @property
     def success_radius(self) -> float:

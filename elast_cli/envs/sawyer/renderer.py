@@ -47,6 +47,8 @@ class RasterRenderer:
     ) -> None:
         """Draw the fixed geoms of a state whose places are known."""
         self._turn, self._place = turn(camera), np.array(camera.place)
+        up = self._turn[:, 2]
+        self._drop, self._down = np.eye(3) - np.outer(up, up), -self._place[2] * up
         self._samples, size = samples, IMAGE_SIZE * samples
         self._tangent = float(np.tan(np.radians(camera.fovy) / 2))
         self._focal = size / 2 / self._tangent
@@ -110,9 +112,7 @@ class RasterRenderer:
 
     def _fallen(self, points: Floats) -> Floats:
         """Points in camera coordinates, dropped to the table (z = 0) along the world's z axis."""
-        up = self._turn[:, 2]
-        drop = np.eye(3) - np.outer(up, up)
-        fallen: Floats = raster.placed(points, drop, -self._place[2] * up)
+        fallen: Floats = raster.placed(points, self._drop, self._down)
         return fallen
 
     def _draw(
