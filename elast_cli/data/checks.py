@@ -91,13 +91,17 @@ class Rows:
             )
 
     def check_numbers(self, action: NDArray[np.float32], state: NDArray[np.float32]) -> None:
-        """Raise DataError unless exactly each episode's last action is NaN, and states finite."""
+        """Raise DataError unless each episode ends with NaN and all else is in range.
+
+        Actions lie in [-1, 1], and states are finite.
+        """
         last = np.zeros(len(action), bool)
         last[self.offset + self.length - 1] = True
         some_wild = np.any(~np.isfinite(action), axis=1)
         some_given = np.any(~np.isnan(action), axis=1)
         self._refuse(some_wild & ~last, "an action before the last one is not finite")
         self._refuse(some_given & last, "the last row's action is not NaN")
+        self._refuse(np.any(np.abs(action) > 1, axis=1), "an action is outside [-1, 1]")
         self._refuse(np.any(~np.isfinite(state), axis=1), "a state is not finite")
 
     def check_length(self, columns: Mapping[str, h5py.Dataset], name: str) -> None:

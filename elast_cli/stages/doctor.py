@@ -18,10 +18,12 @@ from elast_cli.compiled import MADE, PLACE, VARIABLE
 from elast_cli.engine.local import usable_cores
 from elast_cli.errors import UnavailableError
 from elast_cli.files import expanded
+from elast_cli.store.locks import supported
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+_SOURCES = Path(__file__).parents[2]
 LEAST_FREE = 2 << 30  # bytes; a standard run takes a tenth of it
 _RENDER = """
 import mujoco
@@ -33,6 +35,13 @@ renderer.update_scene(data)
 renderer.render()
 renderer.close()
 """
+_ROBOT = """
+from elast_cli.envs.registry import make
+env = make("reach")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+"""
+_NO_GPU = "none; everything runs on the CPU (preset paper wants one)"
 _GL_PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
 
 
@@ -52,9 +61,11 @@ def checks() -> list[Check]:
         *_packages(),
         *_processor(),
         _compiled(),
-        _gpu(),
+        *_torch(),
+        _robot_tasks(),
         *_renderers(),
         _store(),
+        _locks(),
         _disk(),
     ]
 
@@ -137,21 +148,39 @@ def _compiled() -> Check:
     return Check("compiled code", "warn", found, f"export {VARIABLE}=FOLDER")
 
 
-def _gpu() -> Check:
+def _torch() -> list[Check]:
+    """The GPU, and what `precision: auto` stands for."""
     try:
         import torch
     except ImportError as reason:
-        return Check("gpu", "fail", f"torch cannot be imported: {reason}", "pip install torch")
-    if torch.cuda.is_available():
-        return Check("gpu", "ok", torch.cuda.get_device_name(0))
-    return Check("gpu", "ok", "none; everything runs on the CPU (preset paper wants one)")
+        return [Check("gpu", "fail", f"torch cannot be imported: {reason}", "pip install torch")]
+    from elast_cli.models.precision import resolved
+
+    there = torch.cuda.is_available()
+    gpu = torch.cuda.get_device_name(0) if there else _NO_GPU
+    auto = resolved("auto", "cuda" if there else "cpu")
+    why = "native here" if auto == "bfloat16" else "bfloat16 is not native here"
+    instructions = torch.backends.cpu.get_cpu_capability()
+    return [
+        Check("gpu", "ok", gpu),
+        Check("instructions", "ok", f"{instructions} on the CPU"),
+        Check("precision", "ok", f"auto is {auto}: {why}"),
+    ]
+
+
+def _robot_tasks() -> Check:
+    """Whether the simulation of the robot tasks works, in a process of its own."""
+    reason = _error(_ROBOT, os.environ)
+    if reason is None:
+        return Check("robot tasks", "ok", "an image of reach was drawn")
+    return Check("robot tasks", "warn", reason, "pip install --force-reinstall mujoco metaworld")
 
 
 def _renderers() -> list[Check]:
     """MuJoCo's GL back ends, each in its own process: a missing library breaks the import."""
     found = []
     for backend, packages in _GL_PACKAGES.items():
-        reason = _render_error(backend)
+        reason = _error(_RENDER, {**os.environ, "MUJOCO_GL": backend})
         if reason is None:
             found.append(Check(f"renderer {backend}", "ok", "works"))
         else:
@@ -160,13 +189,14 @@ def _renderers() -> list[Check]:
     return found
 
 
-def _render_error(backend: str) -> str | None:
-    """Why a back end does not work, None if it does."""
-    environment = {**os.environ, "MUJOCO_GL": backend}
-    command = [sys.executable, "-c", _RENDER]
+def _error(script: str, environment: Mapping[str, str]) -> str | None:
+    """Why a script fails in a process of its own; None if it does not."""
+    command = [sys.executable, "-P", "-c", script]  # nothing from the working directory
+    path = os.pathsep.join(filter(None, [str(_SOURCES), environment.get("PYTHONPATH")]))
+    environment = {**environment, "PYTHONPATH": path}
     try:
         done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=60, check=False
+            command, env=environment, capture_output=True, text=True, timeout=120, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as reason:
         return str(reason)
@@ -193,6 +223,18 @@ def _store() -> Check:
     except OSError as reason:
         remedy = "export ELAST_HOME=/a/writable/folder"
         return Check("store", "fail", f"{home}: {reason.strerror}", remedy)
+
+
+def _locks() -> Check:
+    """Whether the store's disk has file locks."""
+    there = _there(_home())
+    try:
+        if supported(there):
+            return Check("locks", "ok", "file locks work there")
+    except OSError as reason:
+        return Check("locks", "warn", f"{there}: {reason.strerror}")
+    found = f"{there} has none; files that are created exclusively stand for them"
+    return Check("locks", "warn", found, "export ELAST_HOME=/a/local/disk")
 
 
 def _disk() -> Check:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -46,6 +47,22 @@ def held(
         lock.release()
 
 
+def supported(folder: Path) -> bool:
+    """Whether the file system of a folder has locks; a file in it is made and removed again."""
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=".elast-lock-") as file:
+        try:
+            FileLock(file.name).acquire(blocking=False).lock.release()
+        except (OSError, NotImplementedError) as reason:
+            if not _lacks_locks(reason):
+                raise
+            return False
+    return True
+
+
+def _lacks_locks(reason: OSError | NotImplementedError) -> bool:
+    return isinstance(reason, NotImplementedError) or reason.errno in _NO_LOCKS
+
+
 def _acquired(root: Path, name: str, *, busy: str, wait: bool, note: Note | None) -> BaseFileLock:
     folder = root / LOCKS
     refuse_links(folder)
@@ -56,7 +73,7 @@ def _acquired(root: Path, name: str, *, busy: str, wait: bool, note: Note | None
     try:
         return _wait_for(FileLock(path), busy=busy, wait=wait, note=note)
     except (OSError, NotImplementedError) as reason:
-        if isinstance(reason, OSError) and reason.errno not in _NO_LOCKS:
+        if not _lacks_locks(reason):
             raise
         if note:
             note(f"{root} has no file locks; a file that is created exclusively stands for one")

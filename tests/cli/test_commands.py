@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
 import pytest
+import torch
+from filelock import FileLock
 
 from elast_cli.cli import app as cli
 from elast_cli.cli import options
 from elast_cli.envs.registry import ENVS, task_info
+from elast_cli.stages import doctor
 from tests.toys.command_line import COLLECT, fails
 
 
@@ -96,6 +100,38 @@ def test_doctor_finds_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
     found = {check["name"]: check["status"] for check in json.loads(capsys.readouterr().out)}
     assert {"python", "cores", "threads", "gpu", "renderer egl", "store", "disk"} <= set(found)
     assert "fail" not in found.values()
+    assert found["robot tasks"] == found["locks"] == "ok"
+
+
+def test_doctor_says_what_auto_precision_stands_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    found = {check.name: check.value for check in doctor._torch()}
+    assert found["instructions"].startswith("AVX2")
+    assert found["precision"].startswith("auto is float32")
+
+
+def test_doctor_says_where_there_are_no_locks(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setenv("ELAST_HOME", str(home))
+    monkeypatch.setattr(FileLock, "acquire", no_locks)
+    found = doctor._locks()
+    assert (found.status, list(home.iterdir())) == ("warn", [])
+    assert str(home) in found.value
+    assert "local" in found.remedy
+
+
+def test_doctor_says_why_robot_tasks_fail(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (home / "mujoco.py").write_text("raise RuntimeError('a broken library')")
+    monkeypatch.setenv("PYTHONPATH", str(home))
+    found = doctor._robot_tasks()
+    assert found.status == "warn"
+    assert "a broken library" in found.value
+    monkeypatch.setenv("PYTHONPATH", "")
+    monkeypatch.chdir(home)  # files there are not imported
+    assert doctor._robot_tasks().status == "ok"
 
 
 def test_a_home_that_is_not_made_yet_is_fine(

@@ -42,6 +42,10 @@ def cut(name: str) -> Callable[[dict[str, Any]], None]:
 INCONSISTENT: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "NaN in an action": (put("action", 4, np.nan), "episode 1 step 1: an action before the last"),
     "infinity in an action": (put("action", (7, 0), np.inf), "episode 2 step 0: an action before"),
+    "an action beyond its box": (
+        put("action", (3, 1), -1.001),
+        "episode 1 step 0: an action is out",
+    ),
     "an action at the end": (put("action", 2, 0.5), "episode 0 step 2: the last row's action"),
     "half an action at the end": (put("action", (2, 1), 0.5), "episode 0 step 2: the last row's"),
     "NaN in a state": (put("state", (6, 1), np.nan), "episode 1 step 3: a state is not finite"),

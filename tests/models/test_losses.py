@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from elast_cli.models.density.net import nce_loss
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
 from elast_cli.models.encoder.cpc import Representation, cpc_loss, info_nce
-from elast_cli.models.encoder.isometry import blurred, isometry_loss
+from elast_cli.models.encoder.isometry import blurred, gaussian_weights, isometry_loss
 
 
 def test_nce_with_no_knowledge_costs_what_equation_2_says() -> None:
@@ -165,6 +165,17 @@ def test_what_lies_beyond_reach_may_be_anywhere() -> None:
     far = at + torch.tensor([0.0, 1000.0])[:, None, None]
     assert isometry_loss(far, images, blur=8, reach=3).item() < 1e-3
     assert isometry_loss(far, images, blur=8, reach=1e6).item() > 0.1
+
+
+@pytest.mark.parametrize("deviation", [0.75, 1.25, 2.0, 4.0])
+def test_blurring_is_gaussian_and_no_weight_is_subnormal(deviation: float) -> None:
+    weight = gaussian_weights(32, deviation, torch.device("cpu"))
+    apart = np.arange(32) - ((np.arange(16) + 0.5) * 2 - 0.5)[:, None]
+    expected = np.exp(-0.5 * (apart / deviation) ** 2)
+    expected /= expected.sum(1, keepdims=True)
+    assert np.allclose(weight.numpy(), expected, rtol=1e-5, atol=1e-12)
+    counted = weight[weight > 0]  # processors take 20 times as long for subnormal numbers
+    assert counted.min() > torch.finfo(torch.float32).tiny * 1e6
 
 
 def test_where_nothing_moves_there_is_no_isometry_loss() -> None:
