@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from elast_cli.models.density.net import nce_loss
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
-from elast_cli.models.encoder.cpc import Representation, cpc_loss, info_nce
+from elast_cli.models.encoder.cpc import Representation, cpc_loss, info_nce, inverse_loss
 from elast_cli.models.encoder.isometry import blurred, gaussian_weights, isometry_loss
 
 
@@ -176,6 +176,23 @@ def test_blurring_is_gaussian_and_no_weight_is_subnormal(deviation: float) -> No
     assert np.allclose(weight.numpy(), expected, rtol=1e-5, atol=1e-12)
     counted = weight[weight > 0]  # processors take 20 times as long for subnormal numbers
     assert counted.min() > torch.finfo(torch.float32).tiny * 1e6
+
+
+def test_the_inverse_loss_is_the_error_of_actions_read_off_two_states() -> None:
+    """z' = z + 2a, read as half the step: no error; read as the step: that of a itself."""
+    actions = torch.tensor([[[0.5, -1.0], [0.25, 0.0]], [[1.0, 1.0], [-0.5, 0.5]]])
+    start, context = torch.tensor([[1.0, 2.0], [-3.0, 0.0]]), torch.full((2, 1), 7.0)
+    z = torch.cat([start[:, None], start[:, None] + 2 * actions.cumsum(1)], dim=1)
+    for factor, expected in ((0.5, 0.0), (1.0, float(actions.square().mean()))):
+        seen: list[Tensor] = []
+
+        def read(given: Tensor, factor: float = factor, seen: list[Tensor] = seen) -> Tensor:
+            seen.append(given)
+            return factor * given[..., 2:4]
+
+        assert inverse_loss(read, z, actions, context).item() == pytest.approx(expected)
+        torch.testing.assert_close(seen[0][..., :2], z[:, :-1])
+        assert (seen[0][..., 4] == 7).all()
 
 
 def test_where_nothing_moves_there_is_no_isometry_loss() -> None:

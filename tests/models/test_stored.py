@@ -35,7 +35,9 @@ def test_a_spec_names_the_tensors_of_its_module(kind: str, architecture: str) ->
 def test_an_encoders_spec_names_its_tensors(architecture: str, pool: int, whiten: bool) -> None:
     keys = {"architecture": architecture, "pool": pool, "whiten": whiten, "channels": 100}
     net = EncoderConfig.model_validate({**keys, "width": 8, "frames": 1})
-    assert_named(EncoderSpec(sizes=SIZES, net=net, cpc=CpcConfig(dynamics_width=8)))
+    for weight in (0.0, 1.0):
+        cpc = CpcConfig(dynamics_width=8, inverse_weight=weight)
+        assert_named(EncoderSpec(sizes=SIZES, net=net, cpc=cpc))
 
 
 def assert_named(spec: Any) -> None:

@@ -58,6 +58,9 @@ class CpcConfig(StrictModel):
     With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
     `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
     apart in these images (`models/isometry.py`).
+
+    With `inverse_weight`, a network reads each action off the states before and after it. So φ
+    shows all that actions control, such as a gripper of a few pixels.
     """
 
     horizon: int = Field(default=3, ge=1, le=20)
@@ -70,6 +73,7 @@ class CpcConfig(StrictModel):
     isometry_weight: float = Field(default=0.0, ge=0)
     isometry_blur: float = Field(default=5.0, gt=0)
     isometry_reach: float = Field(default=6.0, gt=0)
+    inverse_weight: float = Field(default=0.0, ge=0)
 
 
 class EncoderSection(Section):
@@ -102,11 +106,12 @@ class EncoderSpec(StrictModel):
     def tensors(self) -> Wanted:
         """Those of φ and h_f."""
         sizes, latent, width = self.sizes, self.net.latent_size, self.cpc.dynamics_width
+        given = latent + sizes.context
+        inverse = network("inverse", [latent + given, width, width, sizes.action])
         return {
             **self._encoder(),
-            **network(
-                "dynamics.net", [latent + sizes.action + sizes.context, width, width, latent]
-            ),
+            **network("dynamics.net", [given + sizes.action, width, width, latent]),
+            **(inverse if self.cpc.inverse_weight else {}),
             **scale("scale", latent),
             **quantiles("step_length_quantiles"),
         }

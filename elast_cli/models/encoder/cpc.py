@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -9,7 +11,7 @@ from torch.nn import functional
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig
 from elast_cli.models.encoder.isometry import isometry_loss
 from elast_cli.models.encoder.net import Encoder
-from elast_cli.models.nets import ForwardModel, LatentScale, QuantileTable
+from elast_cli.models.nets import ForwardModel, LatentScale, QuantileTable, mlp
 
 
 def info_nce(prediction: Tensor, future: Tensor) -> Tensor:
@@ -33,6 +35,10 @@ class Representation(nn.Module):
         self.dynamics = ForwardModel(
             encoder.latent_size, action_size, context_size, cpc.dynamics_width
         )
+        width = cpc.dynamics_width
+        if cpc.inverse_weight:
+            n_in = 2 * encoder.latent_size + context_size
+            self.inverse = mlp([n_in, width, width, action_size])
         self.scale = LatentScale(encoder.latent_size)
         self.step_length_quantiles = QuantileTable()
 
@@ -69,4 +75,23 @@ def cpc_loss(
         images = model.encoder.normalized(flat[:, -1]).unflatten(0, (m, steps))
         isometry = isometry_loss(z, images, blur=config.isometry_blur, reach=config.isometry_reach)
         total, parts = total + config.isometry_weight * isometry, {**parts, "isometry": isometry}
+    if config.inverse_weight:
+        inverse = inverse_loss(model.inverse, z, actions, context)
+        total, parts = total + config.inverse_weight * inverse, {**parts, "inverse": inverse}
     return total, parts
+
+
+def inverse_loss(
+    network: Callable[[Tensor], Tensor], z: Tensor, actions: Tensor, context: Tensor
+) -> Tensor:
+    """Mean squared error of actions read off the states before and after them: scalar.
+
+    Args:
+        network: takes a state, the step from it and the context, [N,2Z+C] -> [N,A].
+        z: latents of windows [M,k+1,Z].
+        actions: between them [M,k,A].
+        context: [M,C].
+    """
+    given = context[:, None].expand(-1, actions.shape[1], -1)
+    read = network(torch.cat([z[:, :-1], z[:, 1:] - z[:, :-1], given], dim=2))
+    return functional.mse_loss(read, actions)
