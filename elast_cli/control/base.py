@@ -1,4 +1,4 @@
-"""What every controller takes and offers, and the functions of trained models that it calls."""
+"""The interface of controllers, and the functions of trained models that they call."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Controller(Protocol[S]):
 
 
 class Estimator(Protocol[S]):
-    """From what is seen and done to latents: φ, or a recurrent filter. State goes in and out."""
+    """From frames and actions to latents: φ, or a recurrent filter. State goes in and out."""
 
     def begin(self, task: Task) -> tuple[Float32, S]:
         """Latents of the goals [B,Z], and the state before the first step."""

@@ -1,4 +1,4 @@
-"""What a learned part is: its section of a preset, what it is trained with, what training leaves.
+"""The interface of a learned part: its section, its training setting, and the result.
 
 Nothing here needs torch at run time, so that presets are validated without it.
 """
@@ -54,7 +54,7 @@ class Section(StrictModel):
 
 
 class Sizes(StrictModel):
-    """What a model's shape depends on besides its configuration."""
+    """Sizes that a model's shape depends on, in addition to its configuration."""
 
     latent: int = Field(gt=0, le=_MAX_SIZE)
     action: int = Field(gt=0, le=_MAX_SIZE)

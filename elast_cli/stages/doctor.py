@@ -1,4 +1,4 @@
-"""`elast doctor`: what this machine has, what is missing, and the command that mends it."""
+"""`elast doctor`: what this machine has, what is missing, and how to fix it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Check(NamedTuple):
 
 
 def checks() -> list[Check]:
-    """Every finding, what matters most first."""
+    """All findings, the most important first."""
     return [
         _python(),
         *_packages(),
@@ -65,7 +65,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Table:
     from rich.table import Table
 
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("check", "", "found", "to mend it"):
+    for name in ("check", "", "found", "fix"):
         shown.add_column(name, overflow="fold")
     for row in rows:
         shown.add_row(row["name"], row["status"], row["value"], row["remedy"])
@@ -133,7 +133,7 @@ def _compiled() -> Check:
     if PLACE and os.environ.get(MADE) != PLACE:
         return Check("compiled code", "ok", f"kept in {PLACE}")
     how = "for one run only" if PLACE else "nowhere"
-    found = f"kept {how}: neither the package nor the user's cache can be written to"
+    found = f"kept {how}: neither the package nor the user's cache is writable"
     return Check("compiled code", "warn", found, f"export {VARIABLE}=FOLDER")
 
 
@@ -144,7 +144,7 @@ def _gpu() -> Check:
         return Check("gpu", "fail", f"torch cannot be imported: {reason}", "pip install torch")
     if torch.cuda.is_available():
         return Check("gpu", "ok", torch.cuda.get_device_name(0))
-    return Check("gpu", "ok", "none; everything runs on the CPU (preset paper wants one)")
+    return Check("gpu", "ok", "none; everything runs on the CPU (preset paper needs one)")
 
 
 def _renderers() -> list[Check]:
