@@ -46,5 +46,7 @@ def test_the_site_lists_every_page_once_and_loads_no_fonts() -> None:
 
 
 def test_hooks_check_style_types_and_spelling() -> None:
-    hooks = {hook["id"] for repo in read(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]}
+    hooks = {
+        hook["id"] for repo in read(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]
+    }
     assert {"ruff-check", "ruff-format", "mypy", "codespell"} <= hooks
