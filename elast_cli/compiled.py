@@ -72,7 +72,7 @@ def use_wide_vectors() -> None:
 
 
 def njit(**options: Any) -> Callable[[F], F]:
-    """`numba.njit`, whose machine code is kept if there is a place for it."""
+    """`numba.njit` with its machine code cached on disk, if a folder is writable."""
     use_wide_vectors()
     import numba
 
@@ -81,7 +81,7 @@ def njit(**options: Any) -> Callable[[F], F]:
 
 
 class Compiling:
-    """Calls `note` once, as soon as something has to be compiled; a context."""
+    """A context that calls `note` once, as soon as numba compiles something."""
 
     def __init__(self, note: Callable[[str], None]) -> None:
         self._note = note
@@ -107,7 +107,7 @@ class Compiling:
         event.unregister("numba:compile", self._listener)  # type: ignore[no-untyped-call]
 
     def tell(self) -> None:
-        """Say it, the first time."""
+        """Call `note`, the first time."""
         note, self._note = self._note, lambda _text: None
         lasting = PLACE and MADE not in os.environ
         note(f"compiling kernels ({'once' if lasting else 'for this run: see elast doctor'})")

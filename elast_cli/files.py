@@ -52,7 +52,7 @@ def one_line(reason: object) -> str:
 
 @contextmanager
 def storage_errors() -> Iterator[None]:
-    """Turn what a disk can do wrong into a one-line StorageError."""
+    """Turn disk errors into a one-line StorageError."""
     try:
         yield
     except BrokenPipeError:
@@ -68,13 +68,13 @@ def expanded(home: str | Path) -> Path:
     """$ELAST_HOME as a path, `~` and `~user` written out.
 
     Raises:
-        StorageError: there is no such user, or nobody knows the user's home folder.
+        StorageError: there is no such user, or their home folder is unknown.
     """
     try:
         return Path(home).expanduser()
     except RuntimeError:
         raise StorageError(
-            f"ELAST_HOME: {home}: the home folder is not known; set ELAST_HOME to a full path"
+            f"ELAST_HOME: {home}: the home folder is unknown; set ELAST_HOME to a full path"
         ) from None
 
 
@@ -88,7 +88,7 @@ def make_folders(path: Path) -> None:
 
 
 def refuse_links(*paths: Path) -> None:
-    """Raise StorageError if a path is a symbolic link: elast writes and deletes behind none."""
+    """Raise StorageError if a path is a symbolic link: elast never writes through one."""
     for path in paths:
         if path.is_symlink():
             raise StorageError(f"{path} is a symbolic link; put a plain folder in its place")
@@ -116,7 +116,7 @@ def remove_folder(path: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to fill that then stands at `path`, whole and on disk, or is not there at all."""
+    """A file to fill. Afterwards it is at `path`, whole and on disk, or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with temporary.open("wb") as file:

@@ -9,7 +9,7 @@ GROUP = Path("/sys/fs/cgroup")  # of a container, as it sees itself
 
 
 def available() -> float:
-    """Bytes free by machine, container and `ulimit -v`; infinite where none of them tells."""
+    """Bytes free by machine, container and `ulimit -v`; infinite if all are unknown."""
     return min(_machine(), _group(), _limit())
 
 

@@ -28,7 +28,7 @@ Sections = Mapping[str, type[StrictModel]]  # section -> the class that parses i
 
 @dataclass(frozen=True)
 class Preset:
-    """Every section, complete and found valid.
+    """All sections of a configuration, complete and validated.
 
     Attributes:
         name: of the preset.
@@ -121,7 +121,7 @@ def names() -> list[str]:
 
 
 def folders() -> Iterator[Path]:
-    """Where presets are looked for, the first wins: here, $ELAST_HOME, what elast came with."""
+    """Folders of presets, the first wins: `./configs`, $ELAST_HOME, the shipped ones."""
     yield Path("configs")
     if home := os.environ.get("ELAST_HOME"):
         yield expanded(home) / "configs"

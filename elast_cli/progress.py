@@ -1,4 +1,4 @@
-"""What long work tells whoever is watching: a label, a total, and steps done."""
+"""Progress of long work: a label, a total, and steps done."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Advance = Callable[[int], None]
 
 
 class Progress(Protocol):
-    """Sink for progress and remarks; the command line shows them on stderr."""
+    """Display of progress and notes; the command line shows them on stderr."""
 
     def task(self, label: str, total: int, done: int = 0) -> AbstractContextManager[Advance]:
         """Open a bar of `total` steps; the yielded function advances it by n steps.
@@ -24,7 +24,7 @@ class Progress(Protocol):
         ...
 
     def note(self, text: str) -> None:
-        """Say one line."""
+        """Print one line."""
         ...
 
 
@@ -33,7 +33,7 @@ def ignore(_steps: int) -> None:
 
 
 class Silent:
-    """Progress that nobody watches: workers, tests and library use."""
+    """No display of progress: for workers, tests and library use."""
 
     @contextmanager
     def task(self, label: str, total: int, done: int = 0) -> Iterator[Advance]:
@@ -41,7 +41,7 @@ class Silent:
         yield ignore
 
     def note(self, text: str) -> None:
-        """Say nothing."""
+        """Print nothing."""
 
 
 @dataclass(frozen=True)
@@ -62,5 +62,5 @@ class Within:
         yield self.advance
 
     def note(self, text: str) -> None:
-        """Say one line."""
+        """Print one line."""
         self.outer.note(text)

@@ -1,4 +1,4 @@
-"""Randomness: every generator is named by what it is for, so training and evaluation can't meet."""
+"""Randomness: a generator for each purpose, so that training and evaluation never share one."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ def generator(domain: Domain, seed: int, *index: int) -> np.random.Generator:
 
 
 def derived_seed(domain: Domain, seed: int, *index: int) -> int:
-    """A 63-bit integer seed for libraries that want one (torch)."""
+    """A 63-bit integer seed for libraries such as torch."""
     return int(sequence(domain, seed, *index).generate_state(1, np.uint64)[0] >> 1)

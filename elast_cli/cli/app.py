@@ -30,7 +30,7 @@ OUT_OF_MEMORY = (
 
 app = typer.Typer(
     name="elast",
-    help="Reach goals given as images: trees planned in a learned latent space.",
+    help="Reach goals given as images by planning trees in a learned latent space.",
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -54,7 +54,7 @@ def _globals(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Reach goals given as images: trees planned in a learned latent space."""
+    """Reach goals given as images by planning trees in a learned latent space."""
     if context.invoked_subcommand is None:
         print_text(context.get_help())
 

@@ -50,10 +50,12 @@ def collect(
     lineage: Lineage,
     running: Running,
     n: Annotated[
-        int | None, typer.Option("--n", min=1, help="Transitions; default: the preset's.")
+        int | None, typer.Option("--n", min=1, help="Transitions; default: from the preset.")
     ] = None,
-    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes, in place of --n.")] = None,
-    max_episode_steps: Annotated[int | None, typer.Option(min=1, help="Steps of each.")] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes, instead of --n.")] = None,
+    max_episode_steps: Annotated[
+        int | None, typer.Option(min=1, help="Steps of an episode.")
+    ] = None,
 ) -> None:
     """Collect random interaction into a dataset."""
     if n is not None and episodes is not None:
@@ -94,7 +96,7 @@ def train_baseline(
     lineage: Lineage,
     running: Running,
 ) -> None:
-    """Make the data and all parts that a method needs: one ref a line, in order."""
+    """Make the data and all learned parts that a method needs; print one ref per line."""
     from elast_cli.cli.dry_run import show_chain
     from elast_cli.methods.table import method_named
     from elast_cli.stages import chain
@@ -118,13 +120,13 @@ def plan(
     lineage: Lineage,
     running: Running,
     method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
-    level: Annotated[str | None, typer.Option(help="Default: the hardest.")] = None,
-    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Which one.")] = 0,
+    level: Annotated[str | None, typer.Option(help="Level; default: the hardest.")] = None,
+    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Number of the scenario.")] = 0,
     scenario_seed: Annotated[
-        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of scenarios.")
+        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
     ] = None,
 ) -> None:
-    """Plan one scenario and explain the plan: JSON edge by edge, and a picture."""
+    """Plan one scenario and explain every edge of the plan, as JSON and as a picture."""
     from elast_cli.methods.table import method_named
     from elast_cli.stages import plan as stage
 
@@ -165,7 +167,7 @@ def evaluate(
 def run_chain(
     env: Env, evaluating: Evaluating, searching: Searching, lineage: Lineage, running: Running
 ) -> None:
-    """Do everything: data, training, evaluation; what is there already is not done again."""
+    """Run the whole chain: data, training, evaluation. Finished artifacts are reused."""
     bench = benchmark_of(evaluating, lineage)
     extra = [*evaluating.overrides(), *searching.overrides()]
     job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
@@ -177,7 +179,7 @@ def list_artifacts(
     kind: Annotated[str | None, typer.Option(help="One kind, such as encoder.")] = None,
     json: Json = False,
 ) -> None:
-    """List what there is."""
+    """List artifacts."""
     from elast_cli.envs.registry import spec
     from elast_cli.stages import inspect
     from elast_cli.store.store import Store
@@ -200,7 +202,7 @@ def verify(
     refs: Annotated[list[str] | None, typer.Argument(metavar="[REF]...")] = None,
     json: Json = False,
 ) -> None:
-    """Check every file and the whole lineage of some artifacts, or of all."""
+    """Check all files and the lineage of some artifacts, or of all."""
     from elast_cli.stages import inspect
     from elast_cli.store.store import Store
 
@@ -227,21 +229,21 @@ def compare(
 
 
 def envs(json: Json = False) -> None:
-    """List the environments: what goes after --env."""
+    """List the environments for --env."""
     from elast_cli.stages import catalog
 
     show_data(catalog.environments(), catalog.environments_table, json=json)
 
 
 def methods(json: Json = False) -> None:
-    """List the methods: what goes after --methods, and the learned parts that each needs."""
+    """List the methods for --methods, and the learned parts that each needs."""
     from elast_cli.stages import catalog
 
     show_data(catalog.methods(), catalog.methods_table, json=json)
 
 
 def gc(json: Json = False) -> None:
-    """Remove what interrupted runs left behind, except where one is in progress."""
+    """Remove the state of interrupted runs. Runs in progress keep theirs."""
     from elast_cli.store.store import Store
 
     removed = [str(path) for path in Store.default().gc()]
@@ -249,7 +251,7 @@ def gc(json: Json = False) -> None:
 
 
 def doctor(json: Json = False) -> None:
-    """Check this machine: versions, cores, GPU, disk, store, and what mends what is missing."""
+    """Check versions, cores, GPU, disk and store, and suggest fixes."""
     from elast_cli.stages import doctor as stage
 
     checks = stage.checks()

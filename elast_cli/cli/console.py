@@ -1,4 +1,4 @@
-"""What people see on stderr: progress bars with rate and time left; plain lines without a TTY."""
+"""Progress on stderr: bars with rate and time left, or plain lines without a terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LINE_EVERY = 10.0  # seconds between two plain lines of one task
 
 
 def reporter(*, quiet: bool) -> Progress:
-    """The sink of progress and remarks that suits where stderr goes."""
+    """The progress display that suits stderr: bars on a terminal, else lines."""
     if quiet:
         return Silent()
     return BarReporter() if sys.stderr.isatty() else LineReporter()
@@ -47,7 +47,7 @@ class LineReporter:
         self.note(f"{label}: {meter.done}/{total} done in {duration(meter.elapsed)}")
 
     def tell(self, label: str, meter: Meter, ended: Callable[[float], bool]) -> None:
-        """Say how far a task is, until it ends.
+        """Report the progress of a task until it ends.
 
         Args:
             label: what is counted.
@@ -60,13 +60,13 @@ class LineReporter:
             pause = LINE_EVERY
 
     def note(self, text: str) -> None:
-        """Say one line."""
+        """Print one line."""
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
 
 
 class BarReporter:
-    """Bars that redraw themselves; those of several tasks at a time stand below one another."""
+    """Progress bars, one below another if several tasks run at a time."""
 
     def __init__(self, console: Console | None = None, clock: Clock = time.monotonic) -> None:
         self._lock = threading.Lock()
@@ -99,7 +99,7 @@ class BarReporter:
                     self._bars = None
 
     def note(self, text: str) -> None:
-        """Say one line, above the bars."""
+        """Print one line above the bars."""
         if self._bars is not None:
             self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -28,14 +28,14 @@ def show_chain(rows: Sequence[Row], *, json: bool) -> None:
 
 def _stage(plan: Row) -> str:
     if plan["published"]:
-        return f"{plan['published']} is there already"
+        return f"{plan['published']} already exists"
     inputs = ", ".join(plan["inputs"].values())
     made = f"would make {plan['env']}/{plan['kind']}" + (f" from {inputs}" if inputs else "")
     return f"{made}: {_cost(plan)}"
 
 
 def _line(row: Row) -> str:
-    state = f"there: {row['published']}" if row["published"] else f"to make: {_cost(row)}"
+    state = f"exists: {row['published']}" if row["published"] else f"to make: {_cost(row)}"
     return f"{row['env']}  seed {row['seed']}  {row['kind']!s:<16} {state}"
 
 
@@ -58,4 +58,4 @@ def _total(found: Row) -> str:
     """All rows together."""
     bound = "" if found["complete"] else "at least "
     size, seconds = size_text(found["disk_bytes"]), duration(found["seconds"])
-    return f"in all: disk {bound}{size}, time {bound}{seconds}, one after another"
+    return f"total: disk {bound}{size}, time {bound}{seconds}, one after another"

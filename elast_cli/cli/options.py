@@ -21,7 +21,7 @@ MAX_SEED = 2**63 - 1
 MAX_CORES = 1024
 
 Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Say nothing on stderr but errors.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print only errors on stderr.")]
 
 
 def _environments(incomplete: str) -> list[tuple[str, str]]:
@@ -104,7 +104,7 @@ class Lineage:
     ] = 0
     renderer: Annotated[
         str | None,
-        Option(metavar="raster|egl|osmesa", help="Who draws a robot task; default: raster."),
+        Option(metavar="raster|egl|osmesa", help="Renderer of robot tasks; default: raster."),
     ] = None
 
     def overrides(self) -> list[Override]:
@@ -116,26 +116,28 @@ class Lineage:
 class Running:
     """How to run; only device and threads are part of an artifact's recipe."""
 
-    device: Annotated[str, Option(metavar="auto|cpu|cuda", help="Where torch computes.")] = "auto"
-    threads: Annotated[int, Option(min=1, max=MAX_CORES, help="Torch threads a process.")] = 1
+    device: Annotated[str, Option(metavar="auto|cpu|cuda", help="Device for torch.")] = "auto"
+    threads: Annotated[int, Option(min=1, max=MAX_CORES, help="Torch threads per process.")] = 1
     workers: Annotated[
         int,
-        Option(min=0, max=MAX_CORES, help="Processes; 0: one a core. Never changes a result."),
+        Option(min=0, max=MAX_CORES, help="Processes; 0: one per core. Does not change results."),
     ] = 0
     memory: Annotated[
         float,
-        Option(min=0.5, metavar="GB", help="Most memory of a training; never changes a result."),
+        Option(min=0.5, metavar="GB", help="Memory limit of a training. Does not change results."),
     ] = 4.0
-    force: Annotated[bool, Option("--force", help="Make it again even if it is there.")] = False
+    force: Annotated[bool, Option("--force", help="Make a new version even if one exists.")] = False
     resume: Annotated[
-        bool, Option("--resume", help="Continue an interrupted run; it is what happens anyway.")
+        bool, Option("--resume", help="Continue an interrupted run (the default).")
     ] = False
-    fresh: Annotated[bool, Option("--fresh", help="Forget what an interrupted run did.")] = False
+    fresh: Annotated[bool, Option("--fresh", help="Discard the state of an interrupted run.")] = (
+        False
+    )
     no_wait: Annotated[
-        bool, Option("--no-wait", help="Exit 75 if another process makes the same artifact.")
+        bool, Option("--no-wait", help="Exit with code 75 if another process makes the artifact.")
     ] = False
     dry_run: Annotated[
-        bool, Option("--dry-run", help="Say what would be done, and what it takes.")
+        bool, Option("--dry-run", help="List what would be made, with disk, memory and time.")
     ] = False
     quiet: Quiet = False
     json: Json = False
@@ -146,7 +148,7 @@ class Fitting:
     """How long and how fast to train."""
 
     steps: Annotated[int | None, Option(min=1, help="Gradient steps.")] = None
-    batch_size: Annotated[int | None, Option(min=2, help="Items a step.")] = None
+    batch_size: Annotated[int | None, Option(min=2, help="Items per step.")] = None
     log_freq: Annotated[int | None, Option(min=1, help="Steps between two log rows.")] = None
     save_freq: Annotated[int | None, Option(min=1, help="Steps between two checkpoints.")] = None
 
@@ -164,9 +166,11 @@ def inputs_of(kinds: Sequence[str]) -> type[Any]:
     """A record of refs, one flag a kind of artifact: `--dataset`, `--encoder`, ..."""
 
     def flag(kind: str) -> Any:
-        where = "Default: the highest version that fits." if kind == DATASET else "As --dataset."
+        where = "Artifact to use; default: the highest version that fits."
         if kind == CONTEXT:
-            where = "As --dataset; only where episodes differ."
+            where = "The same, in tasks whose obstacles change with the episode."
+        elif kind != DATASET:
+            where = "The same for this part."
         return Annotated[str | None, Option(metavar="REF", help=where)]
 
     fields = [(kind, flag(kind), field(default=None)) for kind in kinds]
@@ -188,25 +192,26 @@ class Evaluating:
     level: Annotated[
         str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
     ] = None
-    episodes: Annotated[int | None, Option(min=1, help="Scenarios a level and seed.")] = None
+    episodes: Annotated[int | None, Option(min=1, help="Scenarios per level and seed.")] = None
     scenario_seed: Annotated[
         int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
     ] = None
     num_envs: Annotated[
-        int | None, Option(min=1, help="Episodes that run side by side in a process.")
+        int | None, Option(min=1, help="Episodes that run side by side in one process.")
     ] = None
     seeds: Annotated[
-        str | None, Option(metavar="0,1,2", help="Several training seeds in place of --seed.")
+        str | None, Option(metavar="0,1,2", help="Several training seeds instead of --seed.")
     ] = None
     require: Annotated[
         list[str] | None,
         Option(
-            metavar="'elast>=90'", help="Exit 3 if the success rate misses it; may be repeated."
+            metavar="'elast>=90'",
+            help="Exit with code 3 if a success rate is too low; may be repeated.",
         ),
     ] = None
     allow_overrides: Annotated[
         bool,
-        Option("--allow-overrides", help="Let --require pass models that --set made differ."),
+        Option("--allow-overrides", help="Let --require accept models trained with --set."),
     ] = False
 
     def overrides(self) -> list[Override]:
@@ -222,14 +227,12 @@ class Evaluating:
 class Searching:
     """Bounds of a tree search."""
 
-    max_nodes: Annotated[
-        int | None, Option(min=1, help="Most nodes a search tree may have; bounds memory.")
-    ] = None
+    max_nodes: Annotated[int | None, Option(min=1, help="Most nodes of a search tree.")] = None
     time_budget: Annotated[
         float | None,
         Option(
             metavar="SECONDS",
-            help="Most time a tree search may take; what it finds is then not repeatable.",
+            help="Most time of a tree search. Results then depend on the machine.",
         ),
     ] = None
 

@@ -14,7 +14,7 @@ _WIDE = 10_000  # columns of a table that is piped
 
 
 def show_data(data: Any, view: Any, *, json: bool) -> None:
-    """Print JSON data, or what `view` makes of it for people."""
+    """Print data as JSON, or as the table that `view` makes of it."""
     if json:
         print_json(data)
     else:
@@ -22,7 +22,7 @@ def show_data(data: Any, view: Any, *, json: bool) -> None:
 
 
 def _escaped(data: Any) -> Any:
-    """Plain data with the control characters of its texts written out: a terminal obeys those."""
+    """Plain data with control characters escaped, since a terminal would obey them."""
     if isinstance(data, str):
         return printable(data)
     if isinstance(data, Mapping):
@@ -40,7 +40,7 @@ def printable(text: str) -> str:
 
 
 def print_text(text: str) -> None:
-    """Write to stdout; a reader that has gone away is no error."""
+    """Write to stdout; a closed pipe is no error."""
     try:
         sys.stdout.write(text + "\n" if text else "")
         sys.stdout.flush()
@@ -87,14 +87,14 @@ def _records(table: Any) -> str:
 
 
 def fail(message: str, code: int) -> int:
-    """Say why on stderr, on one line."""
+    """Print the reason on stderr, on one line, and return the exit code."""
     if message:
         sys.stderr.write(f"elast: {printable(' '.join(message.split()))}\n")
     return code
 
 
 def forgive_streams() -> None:
-    """Let notes fail in silence when nobody reads them, and let no character fail at all.
+    """Ignore failed writes of notes, and escape characters that an encoding lacks.
 
     Results and exit codes do not depend on whether stderr is open, full, or of another encoding.
     """
@@ -106,9 +106,9 @@ def forgive_streams() -> None:
 
 
 def _open_streams() -> None:
-    """Let streams that the shell closed (`>&-`) lead nowhere.
+    """Open the null device for streams that the shell closed (`>&-`).
 
-    Else the next file that is opened takes the number of such a stream, and its text with it.
+    Otherwise the next opened file would get the number of such a stream, and its text.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:

@@ -1,4 +1,4 @@
-"""What every controller takes and offers, and the functions of trained models that it calls."""
+"""The interface of controllers, and the functions of trained models that they call."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ S = TypeVar("S")
 class ControlConfig(StrictModel):
     """How a plan is followed; n_replan is not stated in the paper's main text.
 
-    Either π tracks its states, or its actions are played as they stand: that suits plans made by
-    shooting, which are refined again every few steps.
+    Either π tracks the planned states, or the planned actions are played. The latter suits plans
+    made by shooting, which are refined again every few steps.
     """
 
     follow: Literal["states", "actions"] = "states"
-    replan_every: int = Field(default=20, ge=1)
-    lookahead: int = Field(default=3, ge=1)
-    patience: int = Field(default=2, ge=0)  # steps without moving that make a plan fail; 0: any
-    stall_steps: float = Field(default=0.25, ge=0)  # of a median step: what is not moving
+    replan_every: int = Field(default=20, ge=1, description="steps between two plans, n_replan")
+    lookahead: int = Field(default=3, ge=1, description="waypoints to choose from")
+    patience: int = Field(
+        default=2, ge=0, description="steps without movement until a plan fails; 0: never fails"
+    )
+    stall_steps: float = Field(default=0.25, ge=0, description="less than this is no movement")
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Controller(Protocol[S]):
 
 
 class Estimator(Protocol[S]):
-    """From what is seen and done to latents: φ, or a recurrent filter. State goes in and out."""
+    """From frames and actions to latents: φ, or a recurrent filter. State goes in and out."""
 
     def begin(self, task: Task) -> tuple[Float32, S]:
         """Latents of the goals [B,Z], and the state before the first step."""

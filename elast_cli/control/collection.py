@@ -16,7 +16,7 @@ class CollectConfig(StrictModel):
     """How much random interaction, and of what kind."""
 
     n: int = Field(default=50_000, gt=0, le=100_000_000, description="transitions")
-    episode_steps: int = Field(default=50, gt=0, le=100_000)
+    episode_steps: int = Field(default=50, gt=0, le=100_000, description="steps of an episode")
     policy: RandomPolicyConfig = RandomPolicyConfig()
 
     @property

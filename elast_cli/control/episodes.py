@@ -28,10 +28,10 @@ class Environment(Protocol):
 
 @dataclass(frozen=True)
 class Trace:
-    """One episode: when the goal was first within the radius, whether it still was at the end.
+    """One episode: when it first succeeded, and whether it held the goal to the end.
 
     Attributes:
-        steps: steps until first success; None where it never came.
+        steps: steps until first success; None without success.
         held: within the radius at the end of the budget too.
         length: T, steps until first success or the end of the budget.
         frames: every frame u8 [T+1,64,64,3] if it was asked for.
@@ -63,8 +63,8 @@ def run_episodes(
 ) -> list[Trace]:
     """Run one episode a scenario, all side by side, each to the end of its budget.
 
-    Success is being within the radius at any step. From then on a row no longer counts as running:
-    the controller acts on, without new plans, and only whether it holds the goal is of interest.
+    An episode succeeds when it is within the radius at any step. Its row then no longer counts as
+    running: the controller still acts, without new plans, to show whether it holds the goal.
 
     Args:
         controller: acts for all rows at once.
@@ -73,7 +73,7 @@ def run_episodes(
         max_steps: the budget.
         seeds: of all planning [B].
         keep_frames: whether traces have the frames.
-        advance: told of the steps of running rows; a row that succeeds counts as `max_steps`.
+        advance: called with the steps of running rows; a row that succeeds counts as `max_steps`.
     """
     record = _Record(
         [env.reset(options={"scenario": s}) for env, s in zip(envs, scenarios, strict=True)]
@@ -93,7 +93,7 @@ def run_episodes(
 
 
 class _Record:
-    """What B episodes that run side by side have shown so far."""
+    """Frames, states and successes of B episodes that run side by side."""
 
     def __init__(self, first: Sequence[tuple[Uint8, dict[str, Any]]]) -> None:
         told = [info for _, info in first]
@@ -143,6 +143,6 @@ class _Record:
 
 
 def context_images(infos: Sequence[Mapping[str, Any]]) -> Uint8 | None:
-    """Context images u8 [B,64,64,3] of what `reset` told of B episodes, if it shows them."""
+    """Context images u8 [B,64,64,3] of the infos of B resets, if the task has any."""
     images = [info["context"] for info in infos if "context" in info]
     return np.stack(images) if images else None

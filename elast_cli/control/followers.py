@@ -65,7 +65,7 @@ class Follower(Protocol):
         ...
 
     def spent(self, route: Route) -> Bool:
-        """Whose plan has nothing more to say [B]."""
+        """Rows whose plan is finished [B]."""
         ...
 
 
@@ -73,8 +73,8 @@ class Follower(Protocol):
 class TrackStates:
     """Follow planned latents with π: aim one step past the nearest of the next few waypoints.
 
-    Past the last waypoint it aims at the goal itself. Of waypoints equally near the last counts, so
-    that a plan through two states that are the same never aims at where it is.
+    Past the last waypoint it aims at the goal itself. Among equally near waypoints it takes the
+    last, so that a plan with two equal states never aims at the current one.
     """
 
     policy: LocalControl
@@ -94,13 +94,13 @@ class TrackStates:
         return self.policy(z, target, context), replace(route, progress=progress, aim=target)
 
     def spent(self, route: Route) -> Bool:
-        """Nobody's [B]: past the last waypoint there is the goal itself."""
+        """No row [B]: past the last waypoint it aims at the goal itself."""
         return np.zeros(len(route.length), np.bool_)
 
 
 @dataclass(frozen=True)
 class PlayActions:
-    """Play planned actions as they stand; past the end it waits for the goal."""
+    """Play planned actions unchanged; past the end the action is zero."""
 
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
@@ -115,6 +115,6 @@ class PlayActions:
         return np.where(left, action, np.float32(0)), route
 
     def spent(self, route: Route) -> Bool:
-        """Whose actions have all been played [B]."""
+        """Rows whose actions have all been played [B]."""
         played: Bool = route.progress >= route.length - 1
         return played

@@ -1,4 +1,4 @@
-"""What planning costs in an episode, and what it finds."""
+"""Costs and outcomes of the plans in an episode."""
 
 from __future__ import annotations
 

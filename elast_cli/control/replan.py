@@ -32,7 +32,7 @@ class Following:
         stalled: steps in a row without moving [B].
         log: what planning cost and found.
         memory: the planner's own [B], handed back to it when it replans.
-        failed: transitions [M,2,Z] of each row [B] that were tried in vain.
+        failed: transitions [M,2,Z] of each row [B] that execution could not make.
     """
 
     task: Task
@@ -53,10 +53,10 @@ class Following:
 class Replan:
     """Model-predictive control: plan, follow for `every` steps, plan again (Fig. 2c).
 
-    A row that has not moved farther than `stall_distance` for `patience` steps plans again at once,
-    and the transition that it tried in vain is remembered: until a search that is kept from such
-    places finds no way to the goal. All are forgotten then, and a new search begins at once, which
-    may double the cost of that plan. A row whose plan has nothing more to say plans again, too.
+    A row that moves less than `stall_distance` for `patience` steps plans again at once. Its failed
+    transition is remembered, and later searches avoid that place. If no way to the goal is left,
+    all failures are forgotten and a new search begins, which may double the cost of that plan.
+    A row whose plan is finished plans again, too.
     """
 
     estimator: Estimator[Any]
@@ -91,7 +91,7 @@ class Replan:
         )
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
-        """Encode, replan where it is due, and follow."""
+        """Encode, replan the rows that are due, and follow."""
         z, estimate = self.estimator.update(state.estimate, frames, state.action)
         state = self._noticed(replace(state, estimate=estimate), z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))
@@ -109,7 +109,7 @@ class Replan:
         return stuck
 
     def _noticed(self, state: Following, z: Float32, running: Bool) -> Following:
-        """Count steps without movement of running rows; where too many, note what failed."""
+        """Count steps without movement of running rows; after too many, note the failure."""
         route = state.route
         if route is None or not self.patience:
             return state
@@ -123,7 +123,7 @@ class Replan:
         return replace(state, failed=tuple(failed))
 
     def _replanned(self, state: Following, z: Float32, rows: Int64) -> Following:
-        """New plans for `rows`; if no way is left besides what failed, with that forgotten."""
+        """New plans for `rows`; if failures leave no way to the goal, without them."""
         state, blocked = self._planned(state, z, rows)
         if not len(blocked):
             return state
@@ -134,7 +134,7 @@ class Replan:
         return self._planned(forgetful, z, blocked)[0]
 
     def _planned(self, state: Following, z: Float32, rows: Int64) -> tuple[Following, Int64]:
-        """New plans for `rows`, and those of them that what failed leaves no way."""
+        """New plans for `rows`, and the rows to which failures leave no way."""
         task, log, memory = state.task, state.log, list(state.memory)
         seeds = [derived_seed("plan", int(task.seed[b]), int(log.plans[b])) for b in rows]
         query = Query(

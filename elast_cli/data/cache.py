@@ -1,4 +1,4 @@
-"""Arrays that can be computed anew at any time: found again whole and verified, or not at all."""
+"""A cache of arrays that can be recomputed: an entry is whole and verified, or absent."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _HEAD = 65  # bytes of a first line
 class ArrayCache:
     """Arrays float32 by key, one file each: a SHA-256 in hexadecimal, a line feed, the numbers.
 
-    The SHA-256 is of key and numbers. An entry that is damaged is made anew, and a folder that
-    cannot be written to is no error: then nothing is kept.
+    The SHA-256 covers key and numbers. A damaged entry is computed again. If the folder is not
+    writable, nothing is kept, without an error.
     """
 
     def __init__(self, folder: Path, *, most_bytes: int = MOST_BYTES) -> None:

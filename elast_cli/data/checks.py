@@ -1,4 +1,4 @@
-"""Where the episodes of a file lie: its columns checked against that, its damage named by it."""
+"""Places of the episodes in a file: to check its columns and to name damage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datasets of episodes: one file a few while they are collected, one file for all after that.
+"""Datasets of episodes: several small files during collection, one file afterwards.
 
 A shard is a dataset of consecutive episodes; both have the layout of `layout`.
 """
@@ -57,7 +57,7 @@ class Dataset:
 
     @classmethod
     def load(cls, path: Path) -> Dataset:
-        """The dataset in a file, which may come from anyone; it reads images when asked for them.
+        """The dataset in an untrusted file; images are read on access.
 
         Raises:
             DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.

@@ -1,4 +1,4 @@
-"""Images that are read when they are asked for, so that a dataset may be larger than memory."""
+"""Images that are read on access, so that a dataset may be larger than memory."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class OpenFile:
     """The columns of an HDF5 file that stays open as long as anything refers to this."""
 
     def __init__(self, path: Path, columns: Mapping[str, Column]) -> None:
-        """Open a file that anyone may have written.
+        """Open an untrusted file.
 
         Raises:
             DataError: it is damaged, or holds anything else than these columns.

@@ -130,7 +130,7 @@ def _of_images(row_shape: tuple[int, ...]) -> bool:
 
 @dataclass(frozen=True)
 class Contents:
-    """All that a file holds, found consistent; images are read when asked for.
+    """Checked content of a file; images are read on access.
 
     first_episode  number of its first episode
     numbers        action, state, ep_len and ep_offset, as in `Dataset`
@@ -145,7 +145,7 @@ class Contents:
 
 
 def read(path: Path) -> Contents:
-    """Everything in a file, which may come from anyone.
+    """Everything in an untrusted file.
 
     Raises:
         DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.

@@ -1,4 +1,4 @@
-"""Reading HDF5 that anyone may have written: no other path is opened, memory is bounded.
+"""Reading untrusted HDF5: no other path is opened, memory is bounded.
 
 HDF5 can point to other files (external links, external storage, virtual datasets), promise far
 more data than it holds, and run filter plug-ins. A dataset of elast needs none of this, so a file

@@ -22,7 +22,7 @@ def shard_path(folder: Path, first: int) -> Path:
 
 
 def write_shard(path: Path, episodes: Iterable[Episode], *, first_row: int = 0) -> None:
-    """Put consecutive episodes on disk, whole or not at all; none is kept once the next is asked.
+    """Write consecutive episodes, whole or not at all. One episode is in memory at a time.
 
     `first_row` is the row of their first one in the dataset; images are then cut into chunks as
     they are there, and `compact` need not compress them again.

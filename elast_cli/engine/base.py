@@ -14,10 +14,10 @@ K = TypeVar("K", bound=Hashable)
 
 
 class Engine(Protocol):
-    """Where the tasks of a stage run; results are the same wherever that is.
+    """Where the tasks of a stage run. Results do not depend on it.
 
-    Tasks are functions of a module, and items can be pickled. An item whose worker is lost is given
-    to another worker, so tasks must bear a repetition. An error of a task is raised by the iterator
+    Tasks are functions of a module, and items can be pickled. If a worker is lost, another one
+    repeats its item, so tasks must be repeatable. An error of a task is raised by the iterator
     that waits for its result, and ends the other tasks.
     """
 

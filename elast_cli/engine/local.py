@@ -112,7 +112,7 @@ def _killed() -> UnavailableError:
 
 
 def usable_cores() -> int:
-    """Processor cores that this process may use, where the system tells; else all there are."""
+    """Processor cores that this process may use; all cores if the system does not say."""
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -120,7 +120,7 @@ def usable_cores() -> int:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool that does not outlive the block, whatever ends it."""
+    """A pool that ends with the block, also after an error."""
     pool = ProcessPoolExecutor(workers, mp_context=spawn(), initializer=_begin_worker)
     try:
         yield pool
@@ -133,7 +133,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin_worker() -> None:
-    """One thread for every library; Ctrl-C is the parent's business; die when the parent does."""
+    """One thread per library; leave Ctrl-C to the parent; end when the parent ends."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)

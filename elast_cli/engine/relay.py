@@ -19,7 +19,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """A process that starts does not take `random.py` in the working directory for a library."""
+    """Keep a new process from importing modules of the working directory, such as `random.py`."""
     kept = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
     try:
@@ -44,7 +44,7 @@ class _Spawn(SpawnContext):
 
 
 def spawn() -> SpawnContext:
-    """How processes are started: afresh, and importing nothing from the working directory."""
+    """How processes start: by spawn, and importing nothing from the working directory."""
     with _safe_path():
         resource_tracker.ensure_running()  # a process, too
     return _Spawn()
@@ -115,7 +115,7 @@ def relayed(progress: Progress, *, wanted: bool = True) -> Iterator[Progress]:
 
 
 def _listen(queue: _Queue, progress: Progress) -> None:
-    """Show what workers send until the end is sent; what several of them say, once."""
+    """Show what workers send until they end; a note of several workers is shown once."""
     open_tasks: dict[Any, tuple[ExitStack, Advance]] = {}
     said = set()
     while True:

@@ -1,4 +1,4 @@
-"""What the tool asks of an environment: gymnasium's interface, RGB frames, and a `TaskInfo`."""
+"""The interface of environments: gymnasium's, with RGB frames and a `TaskInfo`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from elast_cli.errors import UsageError
 
 @dataclass(frozen=True)
 class TaskInfo:
-    """What the tool knows of a task; an environment instance describes itself by it.
+    """The description of a task, returned by an environment instance.
 
     Attributes:
         action_size: size A of an action.

@@ -17,7 +17,7 @@ class RandomPolicyConfig(StrictModel):
 
 
 class RandomPolicy:
-    """The collection policy: an action is kept with noise, or drawn anew from the whole box."""
+    """The collection policy: an action is kept with noise, or drawn again from the whole box."""
 
     def __init__(self, action_size: int, config: RandomPolicyConfig | None = None) -> None:
         """Remember the action's size A and the configuration; call `reset` before `act`."""

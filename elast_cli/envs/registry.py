@@ -79,10 +79,10 @@ def register(entry: EnvSpec) -> None:
     if entry.name in ENVS:
         if ENVS[entry.name] == entry:
             return
-        raise UsageError(f"environment {entry.name!r} is registered already, as another one")
+        raise UsageError(f"environment {entry.name!r} is already registered with other values")
     if entry.gym_id in gymnasium.registry:
         raise UsageError(
-            f"environment {entry.name!r}: gymnasium has another {entry.gym_id} already"
+            f"environment {entry.name!r}: gymnasium already has another {entry.gym_id}"
         )
     ENVS[entry.name] = entry
     if entry.gym_id:
@@ -252,7 +252,7 @@ def scenarios(
     env = make(env_name, config)
     key = zlib.crc32(env.task_info.level(level).name.encode())
     if not isinstance(env, DrawsScenarios):
-        raise UsageError(f"{env_name} draws no scenarios: it is for collection alone")
+        raise UsageError(f"{env_name} has no scenarios and can only be collected from")
     return [
         env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
         for index in range(first, first + count)

@@ -78,7 +78,7 @@ class SimulatedTask(gymnasium.Env[Frame, Vector]):
 
     @abstractmethod
     def set_state(self, state: Vector, layout: Vector) -> None:
-        """Take a state f32 [S] and layout f32 [L], forgetting what was before."""
+        """Set a state f32 [S] and layout f32 [L]; nothing of the old state remains."""
 
     @abstractmethod
     def advance(self, action: Vector) -> None:
@@ -179,14 +179,14 @@ class SimulatedTask(gymnasium.Env[Frame, Vector]):
 
 
 class DrawLimit:
-    """Counts random draws in search of something, so that no search goes on for ever."""
+    """Bounds the number of random draws of a search."""
 
     def __init__(self, what: str, most: int = 100_000) -> None:
         """Remember what is looked for, and how many draws are made at most."""
         self._what, self._most, self._made = what, most, 0
 
     def count(self) -> None:
-        """Another draw begins. Raises ConfigError: it is one too many."""
+        """Count a draw. Raises ConfigError if it is one too many."""
         self._made += 1
         if self._made > self._most:
             raise ConfigError(

@@ -40,7 +40,7 @@ class Requirement(StrictModel):
         return _RELATIONS[self.relation](pc_success, self.bound)
 
     def covers(self, cell: Cell) -> bool:
-        """Whether the bound speaks of this (env, level, method)."""
+        """Whether the bound covers this (env, level, method)."""
         return (
             cell.method == self.method
             and self.env in (None, cell.env)
@@ -101,7 +101,7 @@ def check(requirements: Sequence[Requirement], overall: Sequence[OverallRow]) ->
     """Each requirement against every pooled row it covers.
 
     Raises:
-        UsageError: a requirement covers no row, so that a misspelt one can't pass.
+        UsageError: a requirement covers no row; a misspelt one must not pass.
     """
     rows = {cell_of(row): row for row in pooled(overall)}
     expect(requirements, rows)

@@ -1,4 +1,4 @@
-"""The rows of an evaluation: one an episode, one a success rate, and the document of both.
+"""Rows of an evaluation: one per episode, one per success rate, and the document of both.
 
 A success rate always comes with its Wilson 95 % interval. Rows of several training seeds are pooled
 over scenarios; the spread between seeds stands beside (`pc_success_by_seed`, `pc_success_std`).

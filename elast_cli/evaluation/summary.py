@@ -138,6 +138,6 @@ def require_unique(rows: Sequence[EpisodeRow]) -> None:
         if key in seen:
             raise DataError(
                 f"results: episode {row.episode_ix} of {row.method} on {row.env}/{row.level}, "
-                f"train_seed {row.train_seed}, seed {row.seed}, is there twice"
+                f"train_seed {row.train_seed}, seed {row.seed}, appears twice"
             )
         seen.add(key)

@@ -111,5 +111,5 @@ class TrainingState:
     def _damaged(self, reason: str) -> DataError:
         return DataError(
             f"{self.path}: a damaged checkpoint ({reason}); "
-            "the same command with --fresh begins this training anew"
+            "the same command with --fresh restarts this training"
         )

@@ -1,4 +1,4 @@
-"""What trained parts make of a whole dataset, computed once and kept beside the store."""
+"""Outputs of trained parts for a whole dataset, computed once and cached in the store."""
 
 from __future__ import annotations
 

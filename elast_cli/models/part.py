@@ -1,4 +1,4 @@
-"""What a learned part is: its section of a preset, what it is trained with, what training leaves.
+"""The interface of a learned part: its section, its training setting, and the result.
 
 Nothing here needs torch at run time, so that presets are validated without it.
 """
@@ -33,19 +33,18 @@ _STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5
 class FitConfig(StrictModel):
     """How long and how fast to train.
 
-    With `precision` bfloat16, matrix products and convolutions of training compute in it, and the
-    trained weights are rounded to it, which halves their files; all else stays float32. It pays for
-    wide networks, on processors that have such products; on others it is slow. With `auto` it is
-    used where the device has them.
+    With `precision` bfloat16, training computes matrix products and convolutions in bfloat16, and
+    rounds the trained weights to it, which halves their files. It is fast for wide networks on
+    processors with bfloat16 products, and slow on others. `auto` uses it where it is fast.
     """
 
-    steps: int = Field(gt=0)
-    batch_size: int = Field(gt=1, le=65_536)
+    steps: int = Field(gt=0, description="gradient steps")
+    batch_size: int = Field(gt=1, le=65_536, description="items of a step")
     learning_rate: float = Field(default=1e-3, gt=0, le=1)
     weight_decay: float = Field(default=0.0, ge=0, le=1)
-    precision: Precision = "float32"
-    log_every: int = Field(default=100, gt=0)
-    save_every: int = Field(default=500, gt=0)
+    precision: Precision = Field(default="float32", description="of matrix products")
+    log_every: int = Field(default=100, gt=0, description="steps between two log rows")
+    save_every: int = Field(default=500, gt=0, description="steps between two checkpoints")
 
 
 class Section(StrictModel):
@@ -55,7 +54,7 @@ class Section(StrictModel):
 
 
 class Sizes(StrictModel):
-    """What a model's shape depends on besides its configuration."""
+    """Sizes that a model's shape depends on, in addition to its configuration."""
 
     latent: int = Field(gt=0, le=_MAX_SIZE)
     action: int = Field(gt=0, le=_MAX_SIZE)

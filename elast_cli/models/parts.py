@@ -1,4 +1,4 @@
-"""The table of learned parts: light and lazy, and all that the rest of elast knows of them.
+"""The table of learned parts: light and lazy; the rest of elast knows parts only by it.
 
 From a row derive the section of presets, the command `train-<word>`, the flag `--<word>`, the order
 of stages, what is missing, loading and saving. A new part is one module or folder, and one row.
@@ -74,9 +74,9 @@ def register(part: Part) -> None:
         ValueError: the kind is taken or no kind, or it needs a kind that is not there.
     """
     if not _KIND.fullmatch(part.kind):
-        raise ValueError(f"{part.kind!r} is no kind: small letters, digits and underscores")
+        raise ValueError(f"{part.kind!r} is no valid kind: use a-z, 0-9 and _")
     if part.kind in PARTS or part.kind == DATASET:
-        raise ValueError(f"there is a part {part.kind!r} already")
+        raise ValueError(f"a part {part.kind!r} already exists")
     for need in (*part.needs, *part.needs_where_context):
         if need not in PARTS and need != DATASET:
             raise ValueError(f"part {part.kind!r} needs {need!r}, which is not in the table")

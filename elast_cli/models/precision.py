@@ -24,7 +24,7 @@ def resolved(precision: Precision, device: str) -> Literal["float32", "bfloat16"
 def has_bfloat16(device: str) -> bool:
     """Whether a device multiplies matrices of bfloat16 by itself. Where it does not, it is slow.
 
-    A processor that torch is told to use as an older one (`ATEN_CPU_CAPABILITY`) counts as that.
+    `ATEN_CPU_CAPABILITY` can make torch use an older instruction set; that one counts.
     """
     if device == "cuda":
         return bool(torch.cuda.is_bf16_supported(including_emulation=False))

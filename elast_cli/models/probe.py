@@ -1,4 +1,4 @@
-"""Probes: how much of the true state a latent holds. They measure; nothing is trained on them."""
+"""Probes: how much of the true state a latent holds. For measurement only, not for training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large a part will be: told by its configuration, before it is trained and without torch."""
+"""The size of a part, from its configuration: before training, and without torch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan's picture: its tree in the plane of the latent space, beside what it imagines."""
+"""A plan's picture: its tree in a plane of the latent space, and frames along the path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`envs` and `methods`: the tables of what can be named on the command line."""
+"""`elast envs` and `elast methods`: the names that flags accept."""
 
 from __future__ import annotations
 

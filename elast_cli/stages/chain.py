@@ -1,4 +1,4 @@
-"""The chain from random interaction to trained parts: what is missing is made, in order."""
+"""The chain from random interaction to trained parts: missing artifacts are made in order."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def make_models(
         if role not in made and all(need in made for need in needs(job, role)):
             ref = _recipe_job(_after(job, made), role).published()
             if ref:
-                job.progress.note(f"{ref} is there already, made by the same recipe")
+                job.progress.note(f"{ref} already exists, made by the same recipe")
                 made[role] = ref
     missing = {role: needs(job, role) for role in wanted if role not in made}
     if not missing:
@@ -53,7 +53,7 @@ def make_models(
 
 
 def planned_models(job: Job, roles: Sequence[str]) -> list[JsonDict]:
-    """What `make_models` would find and make, in order."""
+    """Rows of the artifacts that `make_models` would find or make, in order."""
     there: dict[str, Ref] = {}
     rows: list[JsonDict] = []
     for role in roles_of(job, roles):
@@ -75,7 +75,7 @@ def planned_row(job: Job, kind: str, ref: Ref | None, cost: Estimate) -> JsonDic
 
 
 def _after(job: Job, made: Mapping[str, Ref]) -> Job:
-    """The job with exactly these inputs, whatever else fits."""
+    """The job with exactly these inputs."""
     return replace(job, given=dict(made))
 
 

@@ -36,7 +36,7 @@ def recipe_job(job: Job) -> RecipeJob:
 
 @dataclass(frozen=True)
 class _Shard:
-    """Consecutive episodes for one worker, and where they go: what a killed run may lose."""
+    """Consecutive episodes for one worker, and their file. A killed run loses one at most."""
 
     env: str
     config: JsonDict
@@ -65,7 +65,7 @@ def _collect(job: Job, run: Run) -> JsonDict:
     missing = [shard for shard in shards if not _is_there(shard)]
     there = collect.episodes - sum(len(shard.episodes) for shard in missing)
     if there:
-        job.progress.note(f"collect: {there} episodes are there already")
+        job.progress.note(f"collect: {there} episodes already exist")
     with job.progress.task("collect (episodes)", collect.episodes, there) as advance:
         for done in job.engine.each(_collect_shard, missing):
             advance(done)
@@ -78,7 +78,7 @@ def _collect(job: Job, run: Run) -> JsonDict:
     try:
         compact([shard.path for shard in shards], run.staging / DATASET_FILE, attrs=attrs)
     except DataError as damage:  # of what this run, or the one it continues, has collected
-        raise DataError(f"{damage}; the same command with --fresh collects all anew") from None
+        raise DataError(f"{damage}; run it again with --fresh") from None
     return {
         "episodes": collect.episodes,
         "transitions": collect.episodes * collect.episode_steps,
@@ -100,7 +100,7 @@ def _shares(episodes: int, rows: int) -> list[range]:
 
 
 def _is_there(shard: _Shard) -> bool:
-    """Whether a shard was collected before; one that is damaged was, which `compact` says."""
+    """Whether a shard was collected before. A damaged one counts; `compact` reports it."""
     try:
         return shard.path.exists() and len(read_head(shard.path).lengths) == len(shard.episodes)
     except DataError:
@@ -108,7 +108,7 @@ def _is_there(shard: _Shard) -> bool:
 
 
 def _collect_shard(shard: _Shard) -> int:
-    """Number of episodes written; each is the same whoever runs it, and may be run again."""
+    """Number of episodes written. An episode does not depend on the worker, and may be repeated."""
     env = make(shard.env, shard.config)
     policy = RandomPolicy(env.task_info.action_size, shard.policy)
     episodes = (

@@ -1,4 +1,4 @@
-"""Where an artifact was made otherwise than a job asks for: another world, or overrides."""
+"""Differences between an artifact and a job: environment settings, or overrides."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ WITHOUT_EFFECT = ("fit.log_every", "fit.save_every")
 def of_world(job: Job, manifest: Manifest) -> list[str]:
     """How the environment of an artifact differs from the job's, key by key.
 
-    An artifact of an earlier elast may not say what environment it is of; its parents do.
+    An artifact of an earlier elast may lack the settings of its environment; its parents have them.
     """
     return _differing(job, ENV, manifest.recipe.config.get(ENV))
 
 
 def of_sections(job: Job, manifest: Manifest) -> list[str]:
-    """Where an artifact's own section differs from the job's: what `--set` changed for it alone."""
+    """How an artifact's own section differs from the job's: the effect of `--set`."""
     kind = manifest.recipe.kind
     section = "collect" if kind == "dataset" else kind
     return _differing(job, section, manifest.recipe.config.get(section))

@@ -1,4 +1,4 @@
-"""`elast doctor`: what this machine has, what is missing, and the command that mends it."""
+"""`elast doctor`: what this machine has, what is missing, and how to fix it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ env = make("reach")
 env.reset(seed=0)
 env.step(env.action_space.sample())
 """
-_NO_GPU = "none; everything runs on the CPU (preset paper wants one)"
+_NO_GPU = "none; everything runs on the CPU (preset paper needs one)"
 _GL_PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
 
 
@@ -55,7 +55,7 @@ class Check(NamedTuple):
 
 
 def checks() -> list[Check]:
-    """Every finding, what matters most first."""
+    """All findings, the most important first."""
     return [
         _python(),
         *_packages(),
@@ -76,7 +76,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Table:
     from rich.table import Table
 
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("check", "", "found", "to mend it"):
+    for name in ("check", "", "found", "fix"):
         shown.add_column(name, overflow="fold")
     for row in rows:
         shown.add_row(row["name"], row["status"], row["value"], row["remedy"])
@@ -144,7 +144,7 @@ def _compiled() -> Check:
     if PLACE and os.environ.get(MADE) != PLACE:
         return Check("compiled code", "ok", f"kept in {PLACE}")
     how = "for one run only" if PLACE else "nowhere"
-    found = f"kept {how}: neither the package nor the user's cache can be written to"
+    found = f"kept {how}: neither the package nor the user's cache is writable"
     return Check("compiled code", "warn", found, f"export {VARIABLE}=FOLDER")
 
 

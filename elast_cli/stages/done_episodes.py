@@ -1,7 +1,7 @@
-"""Episodes of an evaluation in progress: what an interrupted one continues from.
+"""Finished episodes of an evaluation in progress, from which an interrupted one continues.
 
-Each file begins with the SHA-256 of its name and content. A damaged one, or one that stands in
-another's place, is as good as none: that episode is run again.
+Each file begins with the SHA-256 of its name and content. If a file is damaged or misplaced, its
+episode is run again.
 """
 
 from __future__ import annotations

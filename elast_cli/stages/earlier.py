@@ -1,4 +1,4 @@
-"""Figures of artifacts that were made before: what the next ones may be expected to take."""
+"""Costs of artifacts that were made before, to estimate those of the next ones."""
 
 from __future__ import annotations
 

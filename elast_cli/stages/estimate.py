@@ -1,8 +1,8 @@
-"""What an artifact will take before it is made: disk, memory and seconds, and what tells so.
+"""Estimates of an artifact before it is made: disk, memory and seconds, and their source.
 
-An earlier artifact of the same kind, environment and configuration tells best; its figures are
-scaled to the size that is asked for. Else a rule of thumb does, measured on one core of a processor
-of 2026: seconds may be wrong by a factor of three, memory by a half. What neither covers is None.
+The best source is an earlier artifact of the same kind, environment and configuration; its figures
+are scaled to the requested size. Otherwise a rule of thumb is used, measured on one core of a
+processor of 2026. Seconds may be wrong by a factor of three, memory by a half. Unknown is None.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def of_evaluation(job: Job, config: Mapping[str, Any]) -> Estimate:
 
 
 def of_report(job: Job, *, methods: int, seeds: int, levels: int) -> Estimate:
-    """The estimate of a report on so many methods, training seeds and levels."""
+    """The estimate of a report on a number of methods, training seeds and levels."""
     episodes = job.config.section("eval", EvalConfig).episodes
     size = (EPISODE * episodes * seeds + FILMS) * methods * levels
     return _estimate(size, COLLECTOR, REPORT)
@@ -149,7 +149,7 @@ def _of_part(job: Job, kind: str, inputs: Mapping[str, Ref]) -> Estimate:
 
 
 def _training_seconds(job: Job, kind: str, section: Section) -> tuple[float, str]:
-    """Seconds of a training, and what tells so."""
+    """Seconds of a training, and their source."""
 
     def alike(found: Manifest) -> bool:
         differing = [text for text in of_sections(job, found) if ".fit.steps=" not in text]

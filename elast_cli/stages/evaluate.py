@@ -149,7 +149,7 @@ def _chunks(
 
 
 def _run_chunk(chunk: _Chunk) -> None:
-    """Run and write a few episodes; an episode is the same whoever it runs beside."""
+    """Run and write a few episodes; an episode does not depend on those beside it."""
     from elast_cli.compiled import Compiling
     from elast_cli.control.episodes import run_episodes
     from elast_cli.methods.loading import controller

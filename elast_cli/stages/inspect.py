@@ -1,4 +1,4 @@
-"""`ls`, `show`, `verify`, `compare` and dry runs: what there is, and what would be."""
+"""`ls`, `show`, `verify` and dry runs: artifacts that exist, and those that would be made."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
     if kind is not None:
         _refuse_unknown(kind)
     if not store.home.is_dir():
-        raise MissingInputError(f"ELAST_HOME: {store.home} is no folder")
+        raise MissingInputError(f"ELAST_HOME: {store.home} is not a folder")
     rows: list[JsonDict] = []
     for ref in store.refs(env, kind):
         try:

@@ -1,4 +1,4 @@
-"""A job is what every stage is given; a recipe job is one artifact that a stage makes of it."""
+"""Job: the input of every stage. RecipeJob: one artifact that a stage makes from it."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Job:
         progress: where progress is shown.
         given: artifacts named on the command line, by role.
         wait: wait for another process that makes the same artifact.
-        force: make it again even if it is there.
-        fresh: forget what an interrupted run had done.
+        force: make a new version even if one exists.
+        fresh: discard the state of an interrupted run.
     """
 
     store: Store
@@ -79,7 +79,7 @@ class Job:
         return task_info(self.env, self.config.env)
 
     def flags(self) -> str:
-        """The flags that lead another command to the same lineage."""
+        """The flags that select the same lineage in another command."""
         words = f"--env {self.env}"
         words += f" --preset {self.preset}" if self.preset != DEFAULT else ""
         return words + (f" --seed {self.seed}" if self.seed else "")
@@ -156,7 +156,7 @@ class RecipeJob:
             on_wait=job.progress.note,
         ) as run:
             if run.published:
-                job.progress.note(f"{run.published} is there already, made by the same recipe")
+                job.progress.note(f"{run.published} already exists, made by the same recipe")
                 return run.published
             if job.fresh:
                 run.fresh()
@@ -199,14 +199,14 @@ def time_budget(job: Job, method: Method) -> float | None:
 
 
 def note_if_unrepeatable(job: Job, method: Method) -> None:
-    """Say so if a method's plans depend on how fast this machine happens to be."""
+    """Note if a method's plans depend on the speed of this machine."""
     budget = time_budget(job, method)
     if budget is not None:
         job.progress.note(f"{method.name}: plans of at most {budget:g} s each are not repeatable")
 
 
 def limit_threads(threads: int) -> None:
-    """Let torch use that many threads in this process; one is fastest on a busy machine."""
+    """Limit torch to some threads in this process; one is fastest on a busy machine."""
     import torch
 
     torch.set_num_threads(threads)

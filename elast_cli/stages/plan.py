@@ -78,7 +78,7 @@ def _tree_method(name: str) -> Method:
     entry = method_named(name)
     if PLANNER not in entry.sections:
         choices = ", ".join(needing(PLANNER))
-        raise UsageError(f"--method {name}: it grows no tree to show; choose {choices}")
+        raise UsageError(f"--method {name}: this method grows no tree; choose {choices}")
     return entry
 
 
@@ -195,7 +195,7 @@ def _draw(
 
 
 def _captions(figures: JsonDict) -> tuple[str, str]:
-    """What a plan came to, in two lines."""
+    """The outcome of a plan, in two lines."""
     reached = "reached" if figures["reached"] else "not reached"
     return (
         f"{figures['steps']} steps, goal {reached}",

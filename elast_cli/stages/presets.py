@@ -19,9 +19,11 @@ from elast_cli.preset import Preset
 class EvalConfig(StrictModel):
     """How a method is evaluated; scenario i is the same for every method."""
 
-    episodes: int = Field(default=100, gt=0, le=100_000, description="a level")
-    scenario_seed: int = Field(default=0, ge=0)
-    domain: Literal["scenario-test", "scenario-val"] = "scenario-test"  # all tuning uses the latter
+    episodes: int = Field(default=100, gt=0, le=100_000, description="scenarios of a level")
+    scenario_seed: int = Field(default=0, ge=0, description="seed of the scenarios")
+    domain: Literal["scenario-test", "scenario-val"] = Field(
+        default="scenario-test", description="use scenario-val for tuning"
+    )
     num_envs: int = Field(default=10, gt=0, description="episodes that run side by side")
 
 

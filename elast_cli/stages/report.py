@@ -77,7 +77,7 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
 
 
 def _settings(job: Job, run: Run, results: Sequence[Results]) -> JsonDict:
-    """What the evaluations have in common, and what of their models is not of the preset."""
+    """The settings that the evaluations share, and the overrides of their models."""
     settings = [found.settings for found in results]
     overrides = [text for found in settings for text in texts(found.get("overrides"))]
     return {

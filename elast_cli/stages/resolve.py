@@ -1,4 +1,4 @@
-"""Which artifacts a stage works on: those named, else the highest versions whose lineage fits."""
+"""Choose the inputs of a stage: named artifacts, else the highest versions whose lineage fits."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def resolve(job: Job, roles: Sequence[str]) -> dict[str, Ref]:
 
 
 def _described(job: Job, ref: Ref) -> str:
-    """A ref, with what it was made by besides the preset."""
+    """A ref, with the overrides that it was made with."""
     found = differences.of_sections(job, job.store.manifest(ref))
     return f"{ref} ({'; '.join(found)})" if found else str(ref)
 
 
 def overrides(job: Job, refs: Iterable[Ref]) -> list[str]:
-    """What artifacts were made by besides the preset: `ref: section.key=value, not value`."""
+    """The overrides of artifacts: `ref: section.key=value, not value`."""
     return [
         f"{ref}: {difference}"
         for ref in refs
@@ -160,7 +160,7 @@ class _Search:
                 f"not for {_variant_text(job.variant(role))}"
             )
         if world := differences.of_world(job, manifest):
-            raise DataError(f"{flag}: made in another world: {'; '.join(world)}")
+            raise DataError(f"{flag}: made with other environment settings: {'; '.join(world)}")
         return manifest
 
     def _refuse_mixed(self, given: Sequence[Ref]) -> None:

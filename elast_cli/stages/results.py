@@ -22,7 +22,7 @@ def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
     """Paired differences of two evaluations or reports, B minus A.
 
     Raises:
-        DataError: they are of different worlds, so that equal numbers are not equal scenarios.
+        DataError: their environments differ, so equal numbers are not equal scenarios.
     """
     results = [read_results(store, Ref.parse(text)) for text in (text_a, text_b)]
     for key in WORLD:
@@ -32,7 +32,7 @@ def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
             a, b = ({level: steps[level] for level in shared} for steps in (a, b))
         if a is not None and b is not None and a != b:
             raise DataError(
-                f"{text_a} and {text_b} are of different worlds: "
+                f"{text_a} and {text_b} were made with different environment settings: "
                 f"{key} {_json(a)} against {_json(b)}"
             )
     return compare(*(found.per_episode for found in results))

@@ -58,7 +58,7 @@ class Benchmark:
             UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
         """
         if seeds is not None and seed:
-            raise UsageError(f"--seed {seed} and --seeds {seeds} name seeds both; give one of them")
+            raise UsageError(f"--seed {seed} and --seeds {seeds} both name seeds; give one of them")
         names = _words(methods, "--methods")
         for name in names:
             method_named(name)
@@ -82,7 +82,7 @@ class Benchmark:
         return used
 
     def levels_of(self, job: Job) -> tuple[str, ...]:
-        """The levels to evaluate of a job's environment: those asked for that it has."""
+        """The levels to evaluate: the requested ones that the job's environment has."""
         known = job.task_info.levels
         return tuple(known if self.levels is None else (n for n in self.levels if n in known))
 
@@ -100,7 +100,7 @@ class Benchmark:
         return [job for job in jobs if self.levels_of(job)]
 
     def expect(self, jobs: Sequence[Job]) -> None:
-        """Raise UsageError if a requirement speaks of nothing that will be evaluated."""
+        """Raise UsageError if a requirement covers nothing that will be evaluated."""
         cells = [
             Cell(job.env, level, method)
             for job in jobs
@@ -111,7 +111,7 @@ class Benchmark:
 
 
 def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
-    """The jobs whose models are all there; for the others the command that makes them is noted.
+    """The jobs whose models all exist; for the others, note the command that makes them.
 
     Raises:
         MissingInputError: there is no such job.
@@ -164,7 +164,7 @@ def make_parts(job: Job, methods: Sequence[str]) -> dict[str, dict[str, Ref]]:
 
 
 def _key(job: Job, role: str) -> tuple[str, str]:
-    """What tells the artifacts of one role apart that the methods of one run are given."""
+    """The key of a role's artifact: methods with equal keys share it."""
     return role, json.dumps(job.variant(role), sort_keys=True)
 
 
@@ -252,7 +252,7 @@ class Outcome:
         if self.overrides and not bench.allow_overrides:
             raise RequirementError(
                 f"models are not of the preset: {'; '.join(self.overrides)}; "
-                "train them anew, or add --allow-overrides"
+                "train them again, or add --allow-overrides"
             )
         verdicts = check(bench.requirements, summarize(self.rows))
         missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]

@@ -49,7 +49,7 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
 
 
 def _settings(job: Job, kind: str) -> JsonDict:
-    """The part's section, less what changes no weight."""
+    """The part's section, without keys that change no weight."""
     section = job.config.plain(kind)
     fit = section["fit"]
     assert isinstance(fit, dict)  # every section of a part has it
@@ -91,7 +91,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
 
 
 def _draw(shown: Reconstructions, path: Path) -> None:
-    """A strip of images above what the part makes of them."""
+    """A strip of images above their reconstructions."""
     from elast_cli.pictures.film import reconstruction_strip
 
     reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
@@ -111,7 +111,7 @@ def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:
 
 
 def memory(job: Job, rows: float) -> tuple[float, float]:
-    """Bytes that a training on `rows` frames needs in any case, and how many it may take besides.
+    """Bytes that a training on `rows` frames needs at least, and how many more it may take.
 
     The latter are negative if there are too few.
     """
@@ -123,7 +123,7 @@ def _setting(job: Job, run: Run, rows: int) -> Setting:
     """How to train on `rows` frames, with the memory that is free for images.
 
     Raises:
-        StorageError: there is not enough for what a training takes in any case.
+        StorageError: there is less than a training needs.
     """
     import torch
 
@@ -154,13 +154,13 @@ def _check_contexts(job: Job, ref: Ref, dataset: Dataset) -> None:
     if found != shape:
         raise DataError(
             f"{ref}: context images of shape {found}, but {job.env} has {shape}; "
-            f"collect it anew: elast collect {job.flags()} --force"
+            f"collect it again: elast collect {job.flags()} --force"
         )
 
 
 @contextmanager
 def _disk_errors() -> Iterator[None]:
-    """A disk error as OSError, whatever torch and safetensors make of it."""
+    """Turn disk errors of torch and safetensors into OSError."""
     from safetensors import SafetensorError
 
     try:

@@ -1,4 +1,4 @@
-"""What interrupted runs leave in a store, and the cache: found by their names, and removed."""
+"""Removal of the cache and of what interrupted runs leave in a store, found by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CACHED = re.compile(r"\.?[0-9a-f]{64}\.f32(\.[0-9]+)?")  # also what a killed p
 
 
 def removed(roots: Sequence[Path], cache: Path) -> list[Path]:
-    """Remove what interrupted runs left below the roots, and the cache: what is gone.
+    """Remove the remains of interrupted runs and the cache below the roots; return their paths.
 
     What a run in progress uses stays. Only what has the form of elast's own leftovers is removed,
     and no link is followed.
@@ -35,12 +35,12 @@ def removed(roots: Sequence[Path], cache: Path) -> list[Path]:
 
 
 def _is_cached(path: Path) -> bool:
-    """Whether elast may have put it into the cache: no folder is its own."""
+    """Whether elast may have written it into the cache; folders are never its own."""
     return bool(_CACHED.fullmatch(path.name)) and (path.is_symlink() or not path.is_dir())
 
 
 def _below(root: Path) -> list[Path]:
-    """Remove the leftovers below one root: what is gone."""
+    """Remove the leftovers below one root; return their paths."""
     gone = []
     found = [*root.glob(".staging/*"), *root.glob(".runs/*"), *root.glob(f"*/*/.{HIGHEST}.*")]
     for path in sorted(found):

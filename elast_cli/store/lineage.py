@@ -1,4 +1,4 @@
-"""What an artifact was made from: its parents, their parents, and so on."""
+"""The lineage of an artifact: its parents, their parents, and so on."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def present(store: Store, child: Ref, role: str, recorded: Parent) -> Ref | None
             continue  # damaged, or removed just now
     if taken:
         raise DataError(
-            f"{child}: its {role} {ref} is another one than it was made from "
+            f"{child}: its {role} {ref} is not the one that it was made from "
             f"(digest {store.digest(ref)[:12]}, recorded {recorded.digest[:12]})"
         )
     return None

@@ -1,4 +1,4 @@
-"""Inter-process locks of a store, also where the file system has none of its own."""
+"""Locks between processes, also on file systems that have none."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def held(
 ) -> Iterator[None]:
     """Hold the lock `name` of the store folder `root`.
 
-    Its file stays, since removing it would split those who wait. Where the file system has no
-    locks, a file created exclusively stands for one, and that is noted.
+    The lock file is kept, because waiting processes may hold it open. If the file system has no
+    locks, an exclusively created file serves as one, and a note says so.
 
     Args:
         root: of the store's artifacts.
         name: of the lock.
-        busy: what the holder does, for whoever waits.
+        busy: what the holder does, for the message of a process that waits.
         wait: wait for the holder.
-        note: is told before waiting.
+        note: called before waiting.
 
     Raises:
         BusyError: another process holds it and `wait` is false.
@@ -69,7 +69,7 @@ def _acquired(root: Path, name: str, *, busy: str, wait: bool, note: Note | None
     make_folders(folder)
     path = folder / f"{name}.lock"
     if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
-        raise StorageError(f"{path}: not a plain file, so it can be no lock; remove it")
+        raise StorageError(f"{path}: not a regular file, so it cannot be a lock; remove it")
     try:
         return _wait_for(FileLock(path), busy=busy, wait=wait, note=note)
     except (OSError, NotImplementedError) as reason:

@@ -1,4 +1,4 @@
-"""What a published artifact says of itself: its ref, its recipe, its parents and its files.
+"""The manifest of a published artifact: its ref, its recipe, its parents and its files.
 
 `manifest.yaml` is canonical YAML. `manifest.yaml.sha256` beside it holds its digest in the format
 of `sha256sum -c`; that digest names the exact artifact, and its children record it.
@@ -236,7 +236,7 @@ def measure(path: Path, *, sync: bool = False) -> FileEntry:
 
 
 def provenance() -> JsonDict:
-    """Who made an artifact, with what and when; it plays no part in any decision."""
+    """Software, machine and time of an artifact; for information only."""
     found: JsonDict = {}
     for name in _LIBRARIES:
         try:

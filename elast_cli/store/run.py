@@ -73,7 +73,7 @@ class Run:
         make_folders(self.staging)
 
     def fresh(self) -> None:
-        """Forget what an interrupted run of this recipe had done."""
+        """Discard the state of an interrupted run of this recipe."""
         remove_folder(self.work)
         self.work.mkdir()
 
@@ -159,6 +159,6 @@ def _next_version(folder: Path) -> int:
 
 
 def _record_version(folder: Path, version: int) -> None:
-    """Remember on disk that a version number is used."""
+    """Record on disk that a version number is used."""
     with whole_file(folder / HIGHEST) as file:
         file.write(f"{version}\n".encode())

@@ -1,4 +1,4 @@
-"""The store: numbered artifacts that appear whole or not at all, and are never changed after.
+"""The store: numbered artifacts that appear whole or not at all, and never change.
 
     <home>/data/<env>/dataset/v<N>/        datasets
     <home>/artifacts/<env>/<kind>/v<N>/    everything else
@@ -68,7 +68,7 @@ class Store:
 
     @property
     def cache(self) -> Path:
-        """The folder of what was computed from artifacts and can be computed anew at any time."""
+        """The folder of arrays that were computed from artifacts and can be recomputed."""
         return self.root("other") / ".cache"
 
     def path(self, ref: Ref) -> Path:
@@ -220,7 +220,7 @@ class Store:
         return lineage(self, ref, allow_lost=allow_lost)
 
     def gc(self) -> list[Path]:
-        """Remove what interrupted runs left, and the cache; see `leftovers.removed`."""
+        """Remove the remains of interrupted runs, and the cache; see `leftovers.removed`."""
         return removed([self.root("dataset"), self.root("other")], self.cache)
 
     def _read(self, ref: Ref) -> tuple[Manifest, str]:

@@ -52,9 +52,10 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_reference_lists_the_exit_code_of_every_error() -> None:
-    reference = (Path(__file__).parents[2] / "docs/reference/command-line.md").read_text()
+    reference = (Path(__file__).parents[2] / "docs/reference/exit-codes.md").read_text()
     for error in ElastError.__subclasses__():
         assert f"| {error.exit_code} |" in reference
+        assert f"`{error.__name__}`" in reference
 
 
 def test_a_closed_pipe_is_quiet(home: Path) -> None:

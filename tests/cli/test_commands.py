@@ -28,7 +28,7 @@ def test_collect_prints_one_ref_and_does_not_work_twice(
     assert cli.run([*COLLECT[:-1]]) == 0
     captured = capsys.readouterr()
     assert captured.out == "block-s/dataset/v1\n"
-    assert "there already" in captured.err
+    assert "already exist" in captured.err
     assert (home / "data/block-s/dataset/v1/dataset.h5").stat() == stamp
     assert cli.run([*COLLECT, "--force"]) == 0
     assert capsys.readouterr().out == "block-s/dataset/v2\n"

@@ -110,7 +110,7 @@ def test_a_row_of_another_package_is_found_by_its_entry_point(
 @pytest.mark.usefixtures("_table")
 def test_what_an_environment_lacks_is_said_when_it_is_asked_for() -> None:
     register(dot.ROW)
-    with pytest.raises(UsageError, match="dot draws no scenarios"):
+    with pytest.raises(UsageError, match="dot has no scenarios"):
         scenarios("dot", "anywhere", seed=0, count=1)
     with pytest.raises(UsageError, match="dot: its state cannot be set"):
         make_simulated("dot")
@@ -120,7 +120,7 @@ def test_what_an_environment_lacks_is_said_when_it_is_asked_for() -> None:
 def test_a_name_or_an_id_stands_for_one_environment() -> None:
     register(dot.ROW)
     register(dot.ROW)  # the same once more
-    with pytest.raises(UsageError, match="'dot' is registered already"):
+    with pytest.raises(UsageError, match="'dot' is already registered"):
         register(replace(dot.ROW, about="another"))
-    with pytest.raises(UsageError, match="tests/Dot-v0 already"):
+    with pytest.raises(UsageError, match="already has another tests/Dot-v0"):
         register(replace(dot.ROW, name="another"))

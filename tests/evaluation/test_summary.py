@@ -98,7 +98,7 @@ def damaged(**changes: Any) -> dict[str, Any]:
         ({"schema_version": 99}, "schema_version 99 is newer than 1.*pip install --upgrade"),
         ({"schema_version": 1}, "overall: Field required"),
         (damaged(steps="many"), r"per_episode\.0\.steps: .*'many'"),
-        (damaged(train_seed=1), "is there twice"),
+        (damaged(train_seed=1), "appears twice"),
         (damaged(extra=1), r"per_episode\.0\.extra"),
     ],
 )

@@ -130,9 +130,9 @@ def test_a_new_row_stands_last_and_is_part_of_every_closure_that_asks_for_it() -
         (row("new", "dataset vea"), "'new' needs 'vea', which is not in the table"),
         (row("new", "new"), "'new' needs 'new', which is not in the table"),
         (row("new", needs_where_context="vea"), "needs 'vea'"),
-        (row("goal-policy"), "'goal-policy' is no kind"),
-        (row("Goal"), "'Goal' is no kind"),
-        (row(""), "'' is no kind"),
+        (row("goal-policy"), "'goal-policy' is no valid kind"),
+        (row("Goal"), "'Goal' is no valid kind"),
+        (row(""), "'' is no valid kind"),
     ],
 )
 def test_a_row_that_cannot_be_is_refused(new: Part, why: str) -> None:

@@ -74,7 +74,7 @@ def test_an_interrupted_collection_ends_the_same_and_runs_only_what_is_missing(
     _, resumed = dataset_of(replace(job, progress=notes))
     assert resumed == whole
     assert ran == list(range(5))
-    assert "4 episodes are there already" in notes.said[0]
+    assert "4 episodes already exist" in notes.said[0]
 
 
 def test_shards_that_were_cut_otherwise_are_collected_anew(

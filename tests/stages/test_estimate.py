@@ -71,7 +71,7 @@ def test_a_dry_run_says_what_all_takes_and_makes_nothing(
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 10
     assert all("rule of thumb" in line for line in lines[:-1])
-    assert lines[-1].startswith("in all: disk ")
+    assert lines[-1].startswith("total: disk ")
     assert os.listdir(home) == []
 
 

@@ -159,7 +159,7 @@ def test_an_odd_file_for_a_lock_is_one_line(store: Store, elsewhere: Path, make:
         path.mkdir()
     else:
         path.symlink_to(elsewhere / "photos" / "one.jpg")
-    with pytest.raises(StorageError, match=r"\.lock: not a plain file"):
+    with pytest.raises(StorageError, match=r"\.lock: not a regular file"):
         publish(store)
 
 

@@ -162,7 +162,7 @@ def test_a_cycle_of_parents_is_refused(store: Store) -> None:
     put_manifest(store, data, dump_yaml(looped).encode())
     # a true cycle of digests cannot be made, so its weakest link is what gets named
     for ref in (data, encoder):
-        with pytest.raises(DataError, match=r"cycle|another one than it was made from"):
+        with pytest.raises(DataError, match=r"cycle|not the one that it was made from"):
             store.verify(ref)
     itself = read_manifest(store, data)
     itself["parents"]["encoder"]["ref"] = str(data)

@@ -13,7 +13,7 @@ from elast_cli.envs.scenario import Frame, Level, Vector
 
 
 class BlockParam(Block):
-    """BlockParam: two walls across the workspace, their places and gaps drawn anew (Sec. 5.1).
+    """BlockParam: two walls across the workspace, random in each episode (Sec. 5.1).
 
     State: the centre (x, y). Layout: the four rectangles of the walls, f32 [16]. The one level,
     `standard`, leads through both gaps, from the lower end of the workspace to the upper or back.

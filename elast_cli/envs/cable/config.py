@@ -11,8 +11,8 @@ from elast_cli.envs.flat.rectangles import Rect, check_lanes, check_range
 class CableConfig(StrictModel):
     """Geometry and physics of a cable task, in workspace widths and steps. The defaults are Cable.
 
-    Masses are in cables. As all speed is braked away in each physics step, a force is the momentum
-    that it gives per step: force 1 drags a whole cable at 0.05 a step.
+    Masses are in cables. Each physics step brakes away all speed, so a force is the momentum that
+    it gives per step. Force 1 drags a whole cable at 0.05 a step.
     """
 
     walls: tuple[Rect, ...] = ((0.31, 0.0, 0.35, 0.5), (0.65, 0.5, 0.69, 1.0))

@@ -13,7 +13,7 @@ from elast_cli.envs.scenario import Frame, Vector
 
 
 class CableParam(Cable):
-    """CableParam: the cable round two walls that are drawn anew (Sec. 5.1). State: as for Cable.
+    """CableParam: the cable round two walls, random in each episode (Sec. 5.1). State as for Cable.
 
     Layout: the rectangles of both walls, f32 [8]. Each comes from below or from above.
     """

@@ -47,7 +47,7 @@ def load(
         return _changed(spec, without, damping or {}, closed)
     except (AttributeError, IndexError, KeyError, ValueError) as reason:
         raise UnavailableError(
-            f"metaworld's scene {path.name} is another one than elast knows: "
+            f"metaworld's scene {path.name} is not the one that elast knows: "
             f"{one_line(reason)}; {_INSTALL}"
         ) from None
 

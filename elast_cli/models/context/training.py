@@ -39,7 +39,7 @@ def train(inputs: Inputs, section: ContextSection, setting: Setting) -> Trained:
     """
     images = inputs.dataset.context
     if images is None:
-        raise DataError("the dataset has no context images; collect it anew with --force")
+        raise DataError("the dataset has no context images; collect it again with --force")
     split = inputs.dataset.split(setting.validation_share, setting.seed)
     trained = train_context(images, split, section, setting)
     assert isinstance(trained.module, ContextAutoencoder)

@@ -17,24 +17,23 @@ if TYPE_CHECKING:
 class DensityConfig(StrictModel):
     """Shape of ψ and its noise; neither ν nor Σ is stated in the paper's main text.
 
-    Where episodes differ in their context, a share `context_share` of the noise are transitions
-    that fit other contexts. With such noise, up to `relabelled_share` of the data are transitions
-    of other episodes that fit the context, too. Of the rest of the noise, a share `near_share`
-    leads to latents of the data within `near_radius` (in 95 % quantiles of the step lengths) of the
-    source. With neither, it is the paper's Gaussian noise.
+    Where episodes differ in their context, part of the noise fits other contexts, and part of the
+    data comes from other episodes that fit the context. Of the rest of the noise, a share leads to
+    latents of the data near the source. Without both, it is the paper's Gaussian noise.
     """
 
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH, description="of a hidden layer")
     depth: int = Field(default=2, ge=1, le=10, description="hidden layers")
-    noise_ratio: int = Field(default=10, ge=1)
-    noise_scale: float = Field(default=1.0, gt=0)
-    near_share: float = Field(default=0.8, ge=0, le=1)
-    near_radius: float = Field(default=1.25, gt=0)
-    context_share: float = Field(default=0.5, ge=0, le=1)
+    noise_ratio: int = Field(default=10, ge=1, description="false transitions for a true one, ν")
+    noise_scale: float = Field(default=1.0, gt=0, description="factor on Σ")
+    near_share: float = Field(default=0.8, ge=0, le=1, description="of noise: latents near by")
+    near_radius: float = Field(default=1.25, gt=0, description="in 95 % quantiles of step lengths")
+    context_share: float = Field(default=0.5, ge=0, le=1, description="of noise: other contexts")
     relabelled_share: float = Field(
         default=0.5,
         ge=0,
         le=1,
+        description="of data: other episodes, at most",
         validation_alias=AliasChoices("relabelled_share", "lent_share"),  # as models of 0.1 say
     )
 

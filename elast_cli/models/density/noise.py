@@ -75,7 +75,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class OtherContexts:
-    """Transitions of other episodes, told by H_f into what fits a row's context and what does not.
+    """Transitions of other episodes, sorted by H_f into those that fit a row's context or do not.
 
     A tree walks into an obstacle by the small errors of H_f, and goes on from there, where nothing
     was ever seen. Telling data from noise in general teaches ψ hardly anything about obstacles;

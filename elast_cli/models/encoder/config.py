@@ -20,18 +20,18 @@ MOST_CHANNELS = 256
 
 
 class EncoderConfig(StrictModel):
-    """Shape of φ. The paper's appendix has its sizes; these are our choice.
+    """Shape of φ. The sizes are our choice; the paper gives them in its appendix.
 
-    With `frames` 1, φ sees only the last frame of a state: for worlds where nothing moves by itself
-    and one frame shows all there is to know. With `whiten`, faint hues count as much as brightness.
+    Set `frames` to 1 where nothing has a velocity of its own, so that one frame shows the state.
+    With `whiten`, faint hues count as much as brightness.
     """
 
     architecture: Literal["pooled-mlp", "conv"] = "pooled-mlp"
-    latent_size: int = Field(default=8, gt=0, le=256)
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    pool: Literal[1, 2, 4, 8] = 4
-    frames: Literal[1, 3] = 3
-    whiten: bool = False
+    latent_size: int = Field(default=8, gt=0, le=256, description="numbers in a latent, d_Z")
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH, description="of the dense layers")
+    pool: Literal[1, 2, 4, 8] = Field(default=4, description="pixels averaged on each axis, before")
+    frames: Literal[1, 3] = Field(default=3, description="frames of a state that φ sees")
+    whiten: bool = Field(default=False, description="decorrelate colours")
     channels: int = Field(default=32, gt=0, le=256, description="of the first convolution")
 
     @property
@@ -49,30 +49,29 @@ class EncoderConfig(StrictModel):
 class CpcConfig(StrictModel):
     """The objective of Eq. 4; k and K_h are not stated in the paper's main text.
 
-    `negatives` are the last states of the batch's other windows, or all states of all windows. The
-    latter differ from the positive by few steps, so that telling them apart asks for fine detail.
+    `negatives` are the last states of the other windows in the batch, or all states of all windows.
+    The latter lie few steps from the positive, so they require finer detail.
 
-    With `lookalikes` above 1, a batch consists of groups of that many windows whose last states lie
-    close together in latent space, searched for anew every `refresh` steps.
+    With `lookalikes` above 1, a batch consists of groups of windows whose last states lie close
+    together in latent space.
 
-    With `isometry_weight`, latent distances are to go with those of images blurred by a Gaussian of
-    `isometry_blur` pixels of a 64x64 frame, for pairs of states up to `isometry_reach` median steps
-    apart in these images (`models/isometry.py`).
+    With `isometry_weight`, latent distances follow the distances of blurred images, for pairs of
+    states that are close in these images (`models/encoder/isometry.py`).
 
     With `inverse_weight`, a network reads each action off the states before and after it. So φ
     shows all that actions control, such as a gripper of a few pixels.
     """
 
-    horizon: int = Field(default=3, ge=1, le=20)
-    consistency_weight: float = Field(default=4.0, ge=0)
-    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH)
-    still_share: float = Field(default=0.5, ge=0, le=1)
+    horizon: int = Field(default=3, ge=1, le=20, description="steps predicted, k")
+    consistency_weight: float = Field(default=4.0, ge=0, description="K_h")
+    dynamics_width: int = Field(default=128, gt=0, le=MAX_WIDTH, description="of h_f")
+    still_share: float = Field(default=0.5, ge=0, le=1, description="stacks of one frame")
     negatives: Literal["last", "window"] = "last"
-    lookalikes: int = Field(default=1, ge=1, le=1024)
-    refresh: int = Field(default=250, ge=1)
+    lookalikes: int = Field(default=1, ge=1, le=1024, description="windows of a group")
+    refresh: int = Field(default=250, ge=1, description="steps between two searches for groups")
     isometry_weight: float = Field(default=0.0, ge=0)
-    isometry_blur: float = Field(default=5.0, gt=0)
-    isometry_reach: float = Field(default=6.0, gt=0)
+    isometry_blur: float = Field(default=5.0, gt=0, description="in pixels of a 64x64 frame")
+    isometry_reach: float = Field(default=6.0, gt=0, description="in median steps of the images")
     inverse_weight: float = Field(default=0.0, ge=0)
 
 

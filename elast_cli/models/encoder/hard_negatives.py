@@ -30,7 +30,7 @@ class HardNegatives:
     cable's head is says which of 256 cables it is, and φ learns little about the rest of it.
     Such groups are negatives that ask for just what φ still confuses.
 
-    The groups are searched for anew every `refresh` batches.
+    The groups are searched again every `refresh` batches.
 
     After a resumption the search comes with the first batch: a run that was interrupted at a
     multiple of `refresh` draws the same batches as one that was not.

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 class EnsembleConfig(StrictModel):
     """Size of H_f; m is not stated in the paper's main text."""
 
-    members: int = Field(default=5, ge=1, le=100)
-    width: int = Field(default=128, gt=0, le=MAX_WIDTH)
+    members: int = Field(default=5, ge=1, le=100, description="networks, m")
+    width: int = Field(default=128, gt=0, le=MAX_WIDTH, description="of a hidden layer")
     depth: int = Field(default=2, ge=1, le=10, description="hidden layers of a member")
-    support_size: int = Field(default=10_000, ge=100, le=10_000_000)
+    support_size: int = Field(
+        default=10_000, ge=100, le=10_000_000, description="encoded training states kept"
+    )
 
 
 class EnsembleSection(Section):

@@ -107,10 +107,10 @@ def test_an_unknown_scene_is_one_line() -> None:
 def test_a_damaged_scene_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene, "_folder", lambda: tmp_path)
     (tmp_path / "odd.xml").write_text("<mujoco><oops")
-    with pytest.raises(UnavailableError, match=r"scene odd.xml is another one.*pip install"):
+    with pytest.raises(UnavailableError, match=r"scene odd.xml is not the one.*pip install"):
         scene.load("odd")
     (tmp_path / "odd.xml").write_text("<mujoco/>")  # without an arm
-    with pytest.raises(UnavailableError, match=r"scene odd.xml is another one.*pip install"):
+    with pytest.raises(UnavailableError, match=r"scene odd.xml is not the one.*pip install"):
         scene.load("odd")
 
 
