@@ -12,7 +12,7 @@ from elast_cli.inference.goal_policy import ArrivingCall, GoalPolicyCall
 from elast_cli.inference.pixels import PixelFrames, PixelPolicyCall
 from elast_cli.models.files import stored
 from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
-from elast_cli.shapes import FRAMES, Float32
+from elast_cli.shapes import FRAMES, Float32, Uint8
 from tests.toys.models import ACTION, CONTEXT, LATENT, models, trained
 
 
@@ -72,7 +72,7 @@ def test_a_policy_on_images_sees_what_it_was_trained_on(shown: bool) -> None:
     seen, _ = estimator.update(state, frames, None)
     found = PixelPolicyCall(model)(seen, seen_goal, context)
 
-    def features(of: np.ndarray) -> torch.Tensor:
+    def features(of: Uint8) -> torch.Tensor:
         return model.preprocess(torch.from_numpy(of))
 
     less = 0 if images is None else features(images)

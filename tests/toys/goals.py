@@ -12,13 +12,14 @@ from elast_cli.models.goal_policy.data import GoalData
 from elast_cli.models.goal_policy.hindsight import Hindsight
 from elast_cli.models.latents import LatentData
 from elast_cli.models.part import Setting
+from elast_cli.models.tensors import Array
 from elast_cli.progress import Silent
-from elast_cli.shapes import Float32, Uint8
+from elast_cli.shapes import Uint8
 
 SQUARE = 12  # pixels, as many as an action of 1 moves it by
 
 
-def dataset_of(action: Float32, pixels: Uint8 | None = None) -> Dataset:
+def dataset_of(action: Array, pixels: Uint8 | None = None) -> Dataset:
     """A dataset of actions [E,T,A]; each episode's last one is dropped. Images are black if none.
 
     States are row numbers.
@@ -37,7 +38,7 @@ def dataset_of(action: Float32, pixels: Uint8 | None = None) -> Dataset:
     )
 
 
-def goal_data(z: Float32, action: Float32) -> GoalData:
+def goal_data(z: Array, action: Array) -> GoalData:
     """Latents [E,T,Z] and actions [E,T,A], a tenth of the episodes held out."""
     dataset = dataset_of(action)
     train, val = (dataset.starts(part, 1) for part in dataset.split(0.1, 0))

@@ -52,7 +52,8 @@ class Hindsight:
         The number k ≥ 1 has probability (1 - γ) γ^(k - 1), with γ the `discount`.
         """
         ahead = rng.geometric(1 - discount, size=len(rows))
-        return np.minimum(rows + ahead, self.last[rows])
+        goals: Int64 = np.minimum(rows + ahead, self.last[rows])
+        return goals
 
     def mixed(self, rows: Int64, future: Int64, mix: GoalMix, rng: np.random.Generator) -> Int64:
         """Goals [M] of three kinds: `rows` themselves, `future` [M], and random ones.

@@ -15,6 +15,7 @@ from elast_cli.models.goal_policy.gcbc.training import train_gcbc
 from elast_cli.models.goal_policy.gcidm.config import GcidmConfig, GcidmSection
 from elast_cli.models.goal_policy.gcidm.training import train_gcidm
 from elast_cli.models.part import FitConfig
+from elast_cli.shapes import Int64
 from tests.toys.goals import goal_data, setting
 
 FIT = FitConfig(steps=500, batch_size=128, learning_rate=5e-3, log_every=500)
@@ -71,7 +72,7 @@ def test_goals_are_as_far_as_the_objective_says() -> None:
     data = goal_data(np.zeros((3, 9, 1)), np.zeros((3, 9, 1)))
     ahead: list[int] = []
 
-    def predict(rows: np.ndarray, goals: np.ndarray, _rng: np.random.Generator) -> torch.Tensor:
+    def predict(rows: Int64, goals: Int64, _rng: np.random.Generator) -> torch.Tensor:
         ahead.extend((goals - rows).tolist())
         return torch.zeros(len(rows), 1)
 
