@@ -21,7 +21,7 @@ def train(inputs: Inputs, section: GcidmSection, setting: Setting) -> Trained:
 
 
 def train_gcidm(data: GoalData, section: GcidmSection, setting: Setting) -> Trained:
-    """Train the model with h uniform from 1 to `net.longest`, or to the end of the episode.
+    """Train the model with goals uniform over the next `net.longest` states of the episode.
 
     The network is given 1/h. At a constant speed, a goal h steps ahead takes steps of (z_g - z)/h,
     and so 1/h is what the action depends on.

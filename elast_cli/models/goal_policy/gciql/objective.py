@@ -1,7 +1,7 @@
 """Objectives of goal-conditioned implicit Q-learning.
 
-V is an expectile of Q over the actions of the data, so that no other action is ever asked about
-(Kostrikov et al., 2022). The policy climbs Q and stays near the data (DDPG+BC).
+V is an expectile of Q over the actions of the data. So the values never depend on actions outside
+the data (Kostrikov et al., 2022). The policy climbs Q and stays near the data (DDPG+BC).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Random shifts of images: training data that a policy on pixels cannot learn by heart."""
+"""Random shifts of images, against overfitting."""
 
 from __future__ import annotations
 
