@@ -79,6 +79,14 @@ class ContextReader(Protocol):
         ...
 
 
+class GoalControl(Protocol):
+    """A goal-conditioned policy as a function on arrays."""
+
+    def __call__(self, seen: Float32, goal: Float32, context: Float32, /) -> Float32:
+        """What is seen of states and goals [B,...], contexts [B,C] -> actions [B,A]."""
+        ...
+
+
 class LocalControl(Protocol):
     """π as a function on arrays."""
 

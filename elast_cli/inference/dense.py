@@ -176,3 +176,13 @@ def _forward(
                     hidden[i] = max(hidden[i], np.float32(0))
                 y = _layer(y, weights[layer][e], biases[layer][e])
             out[e, start : start + rows] = y[:rows, : out.shape[2]]
+
+
+@njit(nogil=True)
+def tanh(x: Float32) -> Float32:
+    """Element by element: numpy's vectors and their ends need not agree in the last bit."""
+    out = np.empty_like(x)
+    for m in range(x.shape[0]):
+        for d in range(x.shape[1]):
+            out[m, d] = np.tanh(x[m, d])
+    return out

@@ -41,11 +41,7 @@ class FrameEncoder:
     def __call__(self, frames: Uint8, context: Uint8 | None) -> Float32:
         """[B,F,64,64,3] and context images [B,64,64,3], where there are any -> [B,Z]."""
         seen = frames[:, -self.config.frames :]
-        features = pooled(seen.reshape(-1, *seen.shape[2:]), self.config.pool)
-        features = features.reshape(*seen.shape[:2], *features.shape[1:])
-        if context is not None:
-            features = features - pooled(context, self.config.pool)[:, None]
-        x = self._normalized(features)
+        x = self._normalized(pooled_stacks(seen, context, self.config.pool))
         if self._dense is not None:
             found: Float32 = self._dense(x.reshape(len(x), -1))[0]
             return found
@@ -71,6 +67,13 @@ class FrameEncoder:
             rows = torch.from_numpy(x).to(self.device).flatten(1, 2).split(1)
             found: Float32 = torch.cat([self._conv(row) for row in rows]).cpu().numpy()
         return found
+
+
+def pooled_stacks(frames: Uint8, context: Uint8 | None, pool: int) -> Array:
+    """Frames [B,F,64,64,3] less context images [B,64,64,3], if any: float16 [B,F,3,S,S]."""
+    features = pooled(frames.reshape(-1, *frames.shape[2:]), pool)
+    features = features.reshape(*frames.shape[:2], *features.shape[1:])
+    return features if context is None else features - pooled(context, pool)[:, None]
 
 
 def pooled(frames: Uint8, pool: int) -> Array:

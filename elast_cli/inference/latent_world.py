@@ -10,7 +10,7 @@ from copy import copy
 import numpy as np
 
 from elast_cli.compiled import njit
-from elast_cli.inference.dense import DenseNetwork
+from elast_cli.inference.dense import DenseNetwork, tanh
 from elast_cli.inference.slopes import MeanSlopes
 from elast_cli.models.stored import Stored
 from elast_cli.models.tensors import Arrays, under
@@ -85,16 +85,6 @@ def _moments(steps: Float32, scale: Float32, z: Float32) -> tuple[Float32, Float
     return following, variance
 
 
-@njit(nogil=True)
-def _tanh(x: Float32) -> Float32:
-    """Element by element: numpy's vectors and their ends need not agree in the last bit."""
-    out = np.empty_like(x)
-    for m in range(x.shape[0]):
-        for d in range(x.shape[1]):
-            out[m, d] = np.tanh(x[m, d])
-    return out
-
-
 class Scale:
     """`LatentScale` as arrays [Z]."""
 
@@ -112,7 +102,7 @@ class PolicyCall:
     def __call__(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
         """[B,Z], [B,Z], [B,C] -> action [B,A]."""
         step = _scaled(z, z_next, self.scale.step)
-        return _tanh(self._net(_inputs(z, self.scale.mean, self.scale.std, step, context))[0])
+        return tanh(self._net(_inputs(z, self.scale.mean, self.scale.std, step, context))[0])
 
 
 class LatentWorld:

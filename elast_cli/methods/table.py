@@ -166,6 +166,22 @@ for _word, _about in (
             builder=f"elast_cli.methods.cem:build_{_word}",
         )
     )
+ARRIVAL = {"arrival": "elast_cli.inference.arrival:ArrivalConfig"}
+for _name, _about, _parts, _sections in (
+    ("cpc-gcbc", "goal-conditioned cloning on latents", "encoder gcbc", {}),
+    ("v-gcbc", "goal-conditioned cloning on images", "pixel_gcbc", {}),
+    ("cpc-gcidm", "inverse dynamics over several steps on latents", "encoder gcidm", ARRIVAL),
+    ("cpc-gciql", "goal-conditioned implicit Q-learning on latents", "encoder gciql", {}),
+):
+    register(
+        Method(
+            name=_name,
+            about=_about,
+            parts=("context", *_parts.split()),
+            sections=_sections,
+            builder="elast_cli.methods.goal_policy:build",
+        )
+    )
 register(
     Method(
         name="random",

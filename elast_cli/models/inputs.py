@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from elast_cli.data.dataset import Dataset
 from elast_cli.models.context.net import ContextAutoencoder, context_vectors
 from elast_cli.models.encoder.cpc import Representation
-from elast_cli.models.encoder.encode import encode
+from elast_cli.models.encoder.encode import encode, encode_goals
 from elast_cli.models.files import load_model
 from elast_cli.models.latents import LatentData
 from elast_cli.models.outputs import Outputs
@@ -79,3 +79,11 @@ class Inputs:
         """The whole dataset, encoded by φ."""
         model = self.part("encoder", Representation)
         return encode(self.dataset, self.context, model.encoder, self.setting, outputs=self.outputs)
+
+    @cached_property
+    def goals(self) -> Tensor:
+        """Every state of the dataset as a goal, at rest: latents [N,Z] by φ."""
+        model = self.part("encoder", Representation)
+        return encode_goals(
+            self.dataset, self.context, model.encoder, self.setting, outputs=self.outputs
+        )

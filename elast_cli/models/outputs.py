@@ -35,8 +35,13 @@ class Outputs:
         config: BaseModel,
         shape: tuple[int, ...],
         make: Callable[[], Float32],
+        *,
+        of: str | None = None,
     ) -> Float32:
-        """What `net`, of the shape `config`, makes of the dataset: `make()`, or what it was."""
+        """What `net`, of the shape `config`, makes of the dataset: `make()`, or what it was.
+
+        `of` tells apart what one network makes of different views of the dataset.
+        """
         device = next(net.parameters()).device
         key: JsonDict = {
             "format": FORMAT,
@@ -50,6 +55,8 @@ class Outputs:
             "threads": torch.get_num_threads(),
             "torch": torch.__version__,
         }
+        if of:
+            key["of"] = of
         return self._arrays.array(key, shape, make)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 IMAGE_SHARE = 0.25  # of the memory that a training may use, for images
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
-_MAX_SIZE = 1 << 20
+MAX_SIZE = 1 << 20
 Precision = Literal["float32", "bfloat16", "auto"]
 _STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
 
@@ -56,10 +56,10 @@ class Section(StrictModel):
 class Sizes(StrictModel):
     """Sizes that a model's shape depends on, in addition to its configuration."""
 
-    latent: int = Field(gt=0, le=_MAX_SIZE)
-    action: int = Field(gt=0, le=_MAX_SIZE)
-    context: int = Field(ge=0, le=_MAX_SIZE)
-    state: int = Field(gt=0, le=_MAX_SIZE)
+    latent: int = Field(gt=0, le=MAX_SIZE)
+    action: int = Field(gt=0, le=MAX_SIZE)
+    context: int = Field(ge=0, le=MAX_SIZE)
+    state: int = Field(gt=0, le=MAX_SIZE)
 
 
 class ModelSpec(Protocol):

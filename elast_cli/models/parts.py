@@ -134,16 +134,18 @@ def imported(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def _row(kind: str, about: str, needs: str, needs_where_context: str = "") -> Part:
-    """A row of elast's own, whose folder is called like its kind."""
-    here = f"elast_cli.models.{kind}"
+def _row(
+    kind: str, about: str, needs: str, needs_where_context: str = "", *, within: str = "models"
+) -> Part:
+    """A row of elast's own, whose folder `within` another is called like its kind."""
+    here, name = f"elast_cli.{within}.{kind}", kind.title().replace("_", "")
     return Part(
         kind=kind,
         about=about,
         needs=tuple(needs.split()),
         needs_where_context=tuple(needs_where_context.split()),
-        section_class=f"{here}.config:{kind.capitalize()}Section",
-        spec_class=f"{here}.config:{kind.capitalize()}Spec",
+        section_class=f"{here}.config:{name}Section",
+        spec_class=f"{here}.config:{name}Spec",
         trainer=f"{here}.training:train",
     )
 
@@ -184,3 +186,10 @@ register(
         needs="dataset context encoder ensemble",
     )
 )
+for _kind, _about, _needs in (
+    ("gcbc", "Train a goal-conditioned policy on latents (cloning).", "context encoder"),
+    ("pixel_gcbc", "Train a goal-conditioned policy on images (cloning).", "context"),
+    ("gcidm", "Train inverse dynamics over several steps on latents.", "context encoder"),
+    ("gciql", "Train a goal-conditioned policy on latents (Q-learning).", "context encoder"),
+):
+    register(_row(_kind, _about, f"dataset {_needs}", within="models.goal_policy"))

@@ -22,7 +22,7 @@ def weight_bytes(kind: str, section: Section, sizes: Sizes, *, packed: bool = Fa
         packed: trained weights are stored as bfloat16.
     """
     spec = part_named(kind).spec
-    known = {name: getattr(section, name, None) for name in spec.model_fields}
+    known = {name: getattr(section, name, getattr(sizes, name, None)) for name in spec.model_fields}
     if "sizes" in known:
         known["sizes"] = sizes
     if not hasattr(spec, "tensors") or None in known.values():

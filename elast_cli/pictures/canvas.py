@@ -32,6 +32,8 @@ METHOD_COLOURS = {
     "cpc-coll": "#E69F00",
     "cpc-gcbc": "#009E73",
     "v-gcbc": "#66C2A5",
+    "cpc-gcidm": "#1B4F72",
+    "cpc-gciql": "#B5A900",
     "planet": "#CC79A7",
     "htm": "#A6761D",
     "random": "#999999",

@@ -14,7 +14,7 @@ from typing import Any
 
 from elast_cli.config import JsonDict
 from elast_cli.control.collection import CollectConfig
-from elast_cli.models.encoder.config import EncoderConfig
+from elast_cli.methods.table import method_named
 from elast_cli.models.part import IMAGE_SHARE, Section, Sizes
 from elast_cli.models.parts import CONTEXT, DATASET, PARTS, part_named
 from elast_cli.models.sizes import image_bytes, weight_bytes
@@ -43,9 +43,13 @@ FRAME = {
 }
 # From the manifests in docs/results/models: seconds of an item of a batch.
 ITEM = {"context": 250e-6, "encoder": 70e-6, "ensemble": 25e-6, "density": 75e-6, "policy": 10e-6}
-PIXEL = 65e-9  # the same of a convolutional encoder, by side * side * channels
-# Seconds of a step of an episode, by section of the method.
+# From short trainings of the default sizes.
+ITEM |= {"gcbc": 60e-6, "gcidm": 60e-6, "gciql": 360e-6}
+# The same of convolutions, by side * side * channels.
+PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9}
+# Seconds of a step of an episode, by section of the method, or by the policy that is asked for it.
 STEP = {"planner": 0.05, "cem": 0.04, "icem": 0.04, "mppi": 0.04, "collect": 0.001}
+STEP |= {"gcbc": 0.001, "pixel_gcbc": 0.003, "gcidm": 0.001, "gciql": 0.001}
 START, REPORT, PLAN = 3.0, 2.0, 4.0  # seconds: loading, a report, a plan
 COLLECTOR, TORCH, EVALUATOR = 0.2e9, 0.3e9, 0.42e9  # bytes of memory of a process
 CURVE_ROW, EPISODE, FILMS, FIGURE = 300, 450, 150e3, 450e3  # bytes; films of one level
@@ -107,7 +111,8 @@ def of_evaluation(job: Job, config: Mapping[str, Any]) -> Estimate:
 
     if earlier := Earlier.latest(job, "eval", alike):
         return _estimate(size, memory, steps / earlier.steps * earlier.seconds, str(earlier))
-    each = [STEP[section] for section in config["sections"] if section in STEP]
+    of = (*config["sections"], *method_named(config["method"]).parts)
+    each = [STEP[name] for name in of if name in STEP]
     seconds = START + steps * sum(each) / processes if each else math.nan
     return _estimate(size, memory, seconds)
 
@@ -159,8 +164,9 @@ def _training_seconds(job: Job, kind: str, section: Section) -> tuple[float, str
     if earlier := Earlier.latest(job, kind, alike):
         return fit.steps / earlier.setting(kind, "fit", "steps") * earlier.seconds, str(earlier)
     item = ITEM.get(kind, math.nan)
-    if isinstance(net, EncoderConfig) and net.architecture == "conv":
-        item = PIXEL * net.side**2 * net.channels
+    convolves = getattr(net, "architecture", "conv") == "conv"
+    if net and convolves and kind in PIXEL:
+        item = PIXEL[kind] * net.side**2 * net.channels
     return START + fit.steps * fit.batch_size * item if job.device == "cpu" else math.nan, RULE
 
 

@@ -11,6 +11,7 @@ import pytest
 from elast_cli.control.base import ControlConfig, Task
 from elast_cli.control.followers import PlayActions, TrackStates
 from elast_cli.control.random_actions import Random
+from elast_cli.control.reactive import Reactive
 from elast_cli.control.replan import Replan
 from elast_cli.envs.registry import task_info
 from elast_cli.methods.elast import tree_planner
@@ -69,6 +70,8 @@ def test_methods_are_built_of_the_parts_they_name(
     assert isinstance(shooting.follower, PlayActions)
     assert shooting.every == tiny.section("cem", CemConfig).replan_every
     assert isinstance(build("random"), Random)
+    for name in ("cpc-gcbc", "v-gcbc", "cpc-gcidm", "cpc-gciql"):
+        assert isinstance(build(name), Reactive)
 
 
 def test_without_the_ensemble_the_forward_model_predicts(

@@ -16,7 +16,9 @@ from elast_cli.models import parts
 from elast_cli.models.part import Section, stream
 from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_named, register, word
 
-OURS = ["context", "encoder", "ensemble", "density", "policy"]
+ELAST = ["context", "encoder", "ensemble", "density", "policy"]
+GOAL_POLICIES = ["gcbc", "pixel_gcbc", "gcidm", "gciql"]
+OURS = [*ELAST, *GOAL_POLICIES]
 
 
 def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
@@ -55,6 +57,10 @@ def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
         ("ensemble", "dataset context encoder", "dataset encoder"),
         ("density", "dataset context encoder ensemble", "dataset encoder"),
         ("policy", "dataset context encoder ensemble", "dataset encoder ensemble"),
+        ("gcbc", "dataset context encoder", "dataset encoder"),
+        ("pixel_gcbc", "dataset context", "dataset"),
+        ("gcidm", "dataset context encoder", "dataset encoder"),
+        ("gciql", "dataset context encoder", "dataset encoder"),
     ],
 )
 def test_a_part_needs_more_where_episodes_differ_in_their_context(
@@ -96,7 +102,8 @@ def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
 
 
 def test_no_two_parts_share_a_random_stream() -> None:
-    assert [stream(kind) for kind in OURS] == [5, 1, 2, 3, 4]  # of all models that there are
+    assert [stream(kind) for kind in ELAST] == [5, 1, 2, 3, 4]  # of all models that there are
+    assert len({stream(kind) for kind in OURS}) == len(OURS)
     assert stream("goal_policy") not in module._STREAMS.values()
     assert stream("goal_policy") != stream("vae")
 
@@ -170,4 +177,5 @@ for name in preset.names():
 """
     found = loaded_by(code)
     assert not {"torch", "numba", "scipy"} & found
-    assert {f"elast_cli.models.{kind}.config" for kind in OURS} <= found
+    assert {f"elast_cli.models.{kind}.config" for kind in ELAST} <= found
+    assert {f"elast_cli.models.goal_policy.{kind}.config" for kind in GOAL_POLICIES} <= found

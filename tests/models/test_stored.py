@@ -19,7 +19,7 @@ from elast_cli.models.stored import read_part
 from elast_cli.models.tensors import QUANTILE_GRID, Want, quantile
 from tests.toys.models import KINDS, SIZES, models, trained
 
-PLAIN = ("encoder", "ensemble", "density", "policy")  # read without torch
+PLAIN = ("encoder", "ensemble", "density", "policy", "gcbc", "gcidm")  # read without torch
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -95,7 +95,7 @@ def test_with_contexts_the_density_is_made_for_the_variants_own_ensemble(
     changed = param_job.of_method(METHODS[single])
     ours, theirs = param_lineage(param_job), param_lineage(changed)
     for kind in kinds():
-        assert (ours[kind] == theirs[kind]) == (kind in ("dataset", "context", "encoder"))
+        assert (ours[kind] != theirs[kind]) == (kind in ("ensemble", "density", "policy"))
     parents = param_job.store.manifest(theirs["density"]).parents
     assert parents["ensemble"].ref == str(theirs["ensemble"])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
+from torch import nn
 
 from elast_cli.config import JsonDict
 from elast_cli.envs.registry import task_info
@@ -15,6 +16,11 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.files import save_model
+from elast_cli.models.goal_policy.config import GoalNetConfig
+from elast_cli.models.goal_policy.gcidm.config import GcidmConfig
+from elast_cli.models.goal_policy.net import GoalPolicy
+from elast_cli.models.goal_policy.pixel_gcbc.config import PixelGcbcConfig
+from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
 from elast_cli.models.nets import QuantileTable
 from elast_cli.models.part import Sizes
 from elast_cli.models.policy.config import PolicyConfig
@@ -66,7 +72,17 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     ramp(density.log_density_quantiles, -30.0)
     ramp(policy.round_trip_quantiles, 40.0)
     sizes = Sizes(latent=LATENT, action=action, context=0, state=STATE)
-    parts = {"encoder": encoder, "ensemble": ensemble, "density": density, "policy": policy}
+    parts: dict[str, nn.Module] = {
+        "encoder": encoder,
+        "ensemble": ensemble,
+        "density": density,
+        "policy": policy,
+    }
+    small = GoalNetConfig(width=8, depth=1)
+    parts |= {kind: GoalPolicy(small, sizes, 0) for kind in ("gcbc", "gciql")}
+    parts["gcidm"] = GoalPolicy(GcidmConfig(width=8, depth=1), sizes, 1)
+    pixels = PixelGcbcConfig(width=8, depth=1, pool=4, channels=4)
+    parts["pixel_gcbc"] = PixelGoalPolicy(pixels, action, 0)
     for kind, module in parts.items():
         (folder / kind).mkdir()
         save_model(folder / kind, trained(module, sizes))

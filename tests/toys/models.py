@@ -14,6 +14,12 @@ from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSpe
 from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.ensemble.config import EnsembleConfig, EnsembleSpec
 from elast_cli.models.ensemble.support import SupportedDynamics
+from elast_cli.models.goal_policy.config import GoalNetConfig
+from elast_cli.models.goal_policy.gcbc.config import GcbcSpec
+from elast_cli.models.goal_policy.gcidm.config import GcidmConfig, GcidmSpec
+from elast_cli.models.goal_policy.net import GoalPolicy
+from elast_cli.models.goal_policy.pixel_gcbc.config import PixelGcbcConfig, PixelGcbcSpec
+from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
 from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySpec
@@ -21,7 +27,8 @@ from elast_cli.models.policy.net import LocalPolicy
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
-KINDS = ("context", "encoder", "ensemble", "density", "policy")
+GOAL_POLICIES = ("gcbc", "gcidm", "pixel_gcbc")  # what gciql keeps has the form of gcbc
+KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES)
 
 
 def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
@@ -53,10 +60,22 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
         found["context"] = ContextAutoencoder(
             ContextConfig(latent_size=context, channels=4, pool=4)
         )
+    found |= goal_policies(context)
     for module in [part for model in found.values() for part in model.modules()]:
         if isinstance(module, LatentScale):
             module.fit(z, z + 0.3 * torch.randn_like(z))
     return {name: model.requires_grad_(False).eval() for name, model in found.items()}
+
+
+def goal_policies(context: int = CONTEXT) -> dict[str, nn.Module]:
+    """One goal-conditioned policy of each form."""
+    sizes = SIZES.model_copy(update={"context": context})
+    pixels = PixelGcbcConfig(width=16, depth=1, pool=4, channels=4)
+    return {
+        "gcbc": GoalPolicy(GoalNetConfig(width=16, depth=2), sizes, context),
+        "gcidm": GoalPolicy(GcidmConfig(width=16, depth=1, longest=7), sizes, 1 + context),
+        "pixel_gcbc": PixelGoalPolicy(pixels, ACTION, context),
+    }
 
 
 def trained(model: nn.Module, sizes: Sizes = SIZES) -> Trained:
@@ -77,4 +96,10 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return DensitySpec(sizes=sizes, net=model.config)
         case LocalPolicy():
             return PolicySpec(sizes=sizes, net=model.config)
+        case GoalPolicy(config=GcidmConfig() as net):
+            return GcidmSpec(sizes=sizes, net=net)
+        case GoalPolicy():
+            return GcbcSpec(sizes=sizes, net=model.config)
+        case PixelGoalPolicy():
+            return PixelGcbcSpec(net=model.config, action=sizes.action, context=sizes.context)
     raise TypeError(f"a {type(model).__name__} is no part")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
@@ -17,6 +19,21 @@ if TYPE_CHECKING:
 
 SMALLEST = 4  # side of the innermost feature maps
 MOST_CHANNELS = 256
+
+
+def doubling(side: int, channels: int) -> list[int]:
+    """Channels of layers that each halve the side, from `side` down to `SMALLEST`."""
+    layers = (side // SMALLEST).bit_length() - 1
+    return [min(channels * 2**i, MOST_CHANNELS) for i in range(layers)]
+
+
+def convolved(at: str, frames: int, channels: Sequence[int]) -> Wanted:
+    """The tensors of `net.convolutions` of these frames and channels."""
+    found: Wanted = {}
+    for i, (inner, outer) in enumerate(pairwise([3 * frames, *channels])):
+        found[f"{at}.{2 * i}.weight"] = floats(outer, inner, 4, 4)
+        found[f"{at}.{2 * i}.bias"] = floats(outer)
+    return found
 
 
 class EncoderConfig(StrictModel):
@@ -42,8 +59,7 @@ class EncoderConfig(StrictModel):
     @property
     def conv_channels(self) -> list[int]:
         """Channels of the convolutions, each of which halves the side, down to `SMALLEST`."""
-        layers = (self.side // SMALLEST).bit_length() - 1
-        return [min(self.channels * 2**i, MOST_CHANNELS) for i in range(layers)]
+        return doubling(self.side, self.channels)
 
 
 class CpcConfig(StrictModel):
@@ -124,8 +140,6 @@ class EncoderSpec(StrictModel):
         if net.architecture == "pooled-mlp":
             layers = [n_in * side * side, width, width, net.latent_size]
             return found | network("encoder.net", layers)
-        for i, channels in enumerate(net.conv_channels):
-            found[f"encoder.net.body.{2 * i}.weight"] = floats(channels, n_in, 4, 4)
-            found[f"encoder.net.body.{2 * i}.bias"] = floats(channels)
-            n_in = channels
-        return found | network("encoder.net.head", [n_in * SMALLEST**2, width, net.latent_size])
+        found |= convolved("encoder.net.body", net.frames, net.conv_channels)
+        flat = net.conv_channels[-1] * SMALLEST**2
+        return found | network("encoder.net.head", [flat, width, net.latent_size])

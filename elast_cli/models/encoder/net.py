@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 from torch import Tensor, nn
 
 from elast_cli.models.encoder.config import SMALLEST, EncoderConfig
@@ -37,18 +40,27 @@ class Encoder(PooledImages):
         return latent.float()
 
 
+def convolutions(frames: int, channels: Sequence[int]) -> nn.Sequential:
+    """Strided convolutions (kernel 4, stride 2) of frames [M,frames·3,S,S] to [M,flat].
+
+    Args:
+        frames: images beside each other as channels.
+        channels: of each layer.
+    """
+    layers: list[nn.Module] = []
+    for inner, outer in pairwise([3 * frames, *channels]):
+        layers += [nn.Conv2d(inner, outer, 4, stride=2, padding=1), nn.ReLU()]
+    return nn.Sequential(*layers, nn.Flatten())
+
+
 class ConvStack(nn.Module):
-    """Strided convolutions (kernel 4, stride 2, doubling channels) and a two-layer head."""
+    """Strided convolutions with doubling channels, and a two-layer head."""
 
     def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
-        n_in = config.frames * 3
-        layers: list[nn.Module] = []
-        for channels in config.conv_channels:
-            layers += [nn.Conv2d(n_in, channels, 4, stride=2, padding=1), nn.ReLU()]
-            n_in = channels
-        self.body = nn.Sequential(*layers, nn.Flatten())
-        self.head = mlp([n_in * SMALLEST**2, config.width, config.latent_size])
+        self.body = convolutions(config.frames, config.conv_channels)
+        flat = config.conv_channels[-1] * SMALLEST**2
+        self.head = mlp([flat, config.width, config.latent_size])
 
     def forward(self, x: Tensor) -> Tensor:
         """Frames beside each other as channels [M,F·3,S,S] -> [M,Z]."""

@@ -10,27 +10,27 @@ from torch import Tensor
 
 from elast_cli.data.dataset import Dataset
 from elast_cli.data.images import blocks
-from elast_cli.models.encoder.net import Encoder
 from elast_cli.models.frames import Frames, collected
+from elast_cli.models.nets import PooledImages
 from elast_cli.models.part import Setting
 from elast_cli.shapes import FRAMES, Bool, Int64
 
 
-def frame_features(dataset: Dataset, encoder: Encoder, setting: Setting) -> Frames:
+def frame_features(dataset: Dataset, net: PooledImages, setting: Setting) -> Frames:
     """A dataset's frames as φ takes them [N,3,S,S]: preprocessed, less their context image."""
-    return collected(_features(dataset, encoder), len(dataset.pixels), setting)
+    return collected(_features(dataset, net), len(dataset.pixels), setting)
 
 
-def _features(dataset: Dataset, encoder: Encoder) -> Iterator[Tensor]:
+def _features(dataset: Dataset, net: PooledImages) -> Iterator[Tensor]:
     """The same, block by block."""
     for rows, pixels in blocks(dataset.pixels):
-        features = encoder.preprocess(torch.from_numpy(pixels))
+        features = net.preprocess(torch.from_numpy(pixels))
         if dataset.context is not None:
             episode = dataset.episode[rows]
             shown = dataset.context[episode[0] : episode[-1] + 1]
-            images = encoder.preprocess(torch.from_numpy(shown))
+            images = net.preprocess(torch.from_numpy(shown))
             features -= images[torch.from_numpy(episode - episode[0])]
-        elif encoder.pool == 1:
+        elif net.pool == 1:
             features = features.byte()  # half the bytes, the same numbers
         yield features
 

@@ -1,0 +1,1 @@
+"""Goal-conditioned policies: an action from the state and the goal, without a plan."""

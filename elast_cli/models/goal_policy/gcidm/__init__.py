@@ -1,0 +1,1 @@
+"""Inverse dynamics over several steps, given how many remain."""

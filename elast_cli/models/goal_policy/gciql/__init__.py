@@ -1,0 +1,1 @@
+"""Goal-conditioned implicit Q-learning on latents."""

@@ -1,0 +1,1 @@
+"""Goal-conditioned behaviour cloning on images."""
