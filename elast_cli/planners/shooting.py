@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elast_cli.planners.base import World
+from elast_cli.planners.base import Dynamics, World
 from elast_cli.shapes import Float32, Float64, Int64
 
 DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the former do not help
@@ -70,7 +70,9 @@ def shots(
     ]
 
 
-def roll(world: World, starts: Float32, actions: Sequence[Float32], rows: Int64) -> list[Float32]:
+def roll(
+    world: Dynamics, starts: Float32, actions: Sequence[Float32], rows: Int64
+) -> list[Float32]:
     """Latents [T+1,Z] of each path from starts [P,Z] under its actions [T,A], all side by side."""
     order = np.argsort([-len(acts) for acts in actions], kind="stable")
     lengths = np.array([len(actions[p]) for p in order])
