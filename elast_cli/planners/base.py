@@ -99,6 +99,13 @@ class Plan:
     blocked: Sequence[int] = ()
 
 
+def lengthened(x: Float32, length: int) -> Float32:
+    """Entries [T,...] up to `length`: the last one again, or zeros where there is none."""
+    more = length - len(x)
+    last = x[-1:] if len(x) else np.zeros((1, *x.shape[1:]), x.dtype)
+    return np.concatenate([x, np.repeat(last, more, 0)])
+
+
 class Planner(Protocol):
     """Anything that turns queries into paths."""
 

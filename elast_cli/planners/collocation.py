@@ -77,7 +77,7 @@ class CollocationPlanner(LiftedPlanner):
             at = np.flatnonzero(active)
             if not len(at):
                 break
-            here = Drafts(states[at], actions[at])
+            here = Drafts(states[at], actions[at], drafts.arrival[at])
             found = linearised(problem, here)
             violations = found.violations()
             weights = Multipliers(*(kept[at] for kept in multipliers))
@@ -90,7 +90,7 @@ class CollocationPlanner(LiftedPlanner):
             worst = np.maximum(violations.dynamics.max(1), violations.bounds.max(1))
             moves = (np.abs(change).max((1, 2)) > SETTLED) | (worst > config.tolerance)
             active[at] = solved & moves
-        return Drafts(states, actions)
+        return Drafts(states, actions, drafts.arrival)
 
     def _grown(self, multipliers: Float64, violation: Float64) -> Float64:
         """λ + 0.1·λ·log10((violation + 0.1ε) / ε): it grows while more than 0.9 ε is violated."""
@@ -137,9 +137,8 @@ class CollocationPlanner(LiftedPlanner):
         right[:, 0, :latents] -= config.start_weight**2 * (
             drafts.states[:, 0] - problem.start / problem.unit
         )
-        aimed = slice(1, None) if config.cost == "summed" else slice(-1, None)
-        diagonal[:, aimed, z, z] += 1
-        right[:, aimed, :latents] -= drafts.states[:, aimed] - problem.goal / problem.unit
+        diagonal[:, :, z, z] += drafts.aimed[..., None]
+        right[..., :latents] -= drafts.ahead(problem)
         return diagonal, beside, right
 
 

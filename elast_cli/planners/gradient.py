@@ -59,7 +59,9 @@ class GradientPlanner(LiftedPlanner):
         latents, acts = (Adam(x, config.learning_rate) for x in (states, actions))
         tried = []
         for i in range(config.iterations):
-            by_states, by_actions = gradient(problem, Drafts(states, actions), config)
+            by_states, by_actions = gradient(
+                problem, Drafts(states, actions, drafts.arrival), config
+            )
             latents.step(by_states)
             acts.step(by_actions)
             np.clip(actions, -1, 1, out=actions)
@@ -80,8 +82,7 @@ def gradient(problem: Problem, drafts: Drafts, config: GradientConfig) -> tuple[
     by_states = np.zeros_like(z)
     by_states[:, 1:] += pull
     by_states[:, :-1] -= through[..., :size]
-    aimed = slice(1, None) if config.cost == "summed" else slice(-1, None)
-    by_states[:, aimed] += 2 * (z[:, aimed] - problem.goal / problem.unit)
+    by_states += 2 * drafts.ahead(problem)
     by_states[:, 0] = 0
     return by_states, -through[..., size:]
 
@@ -90,7 +91,6 @@ def objective(problem: Problem, drafts: Drafts, config: GradientConfig) -> Float
     """Squared distances to the goal, plus `gap_weight` times squared gaps, of each draft [S]."""
     z = drafts.states
     gaps = np.square(z[:, 1:] - problem.predicted(z[:, :-1], drafts.actions)).sum((1, 2))
-    aimed = slice(1, None) if config.cost == "summed" else slice(-1, None)
-    ahead = np.square(z[:, aimed] - problem.goal / problem.unit).sum((1, 2))
+    ahead = np.square(drafts.ahead(problem)).sum((1, 2))
     summed: Float64 = ahead + config.gap_weight * gaps
     return summed

@@ -17,24 +17,26 @@ from pydantic import Field
 
 from elast_cli.config import StrictModel
 from elast_cli.planners.base import Dynamics, DynamicsOf, Plan, PlanCost, Query
-from elast_cli.planners.shooting import roll
+from elast_cli.planners.shooting import NEARER, roll
 from elast_cli.seeding import generator
-from elast_cli.shapes import Float32, Float64, Int64
+from elast_cli.shapes import Bool, Float32, Float64, Int64
 
 STILL = 2  # drafts that do not begin with random actions: what is left of the plan, and a line
+LONGEST = 2.0  # median steps that a step covers at most, roughly
 
 
 class LiftedConfig(StrictModel):
     """What such a planner needs to know.
 
-    The cost is the squared distance to the goal, in median steps: of the last latent, or summed
-    over all. A path within `goal_steps` of the goal arrives.
+    The cost is the squared distance to the goal, in median steps, summed from the step on at which
+    a draft is to arrive. That is the last one (`terminal`), the first one (`summed`), or another
+    one for each draft (`spread`). A path within `goal_steps` of the goal arrives.
     """
 
     horizon: int = Field(default=40, ge=1)
     starts: int = Field(default=8, ge=1, description="drafts that are optimised side by side")
     iterations: int = Field(default=200, ge=1)
-    cost: Literal["terminal", "summed"] = "terminal"
+    cost: Literal["spread", "terminal", "summed"] = "spread"
     replan_every: int = Field(default=20, ge=1)
     goal_steps: float = Field(default=1.0, gt=0)
     warm_start: bool = Field(default=True, description="of a draft, by the actions left")
@@ -100,10 +102,28 @@ class Problem:
 
 @dataclass(frozen=True)
 class Drafts:
-    """S paths of one problem, in units: latents [S,H+1,Z] from the start on, actions [S,H,A]."""
+    """S paths of one problem.
+
+    Attributes:
+        states: latents from the start on, in units [S,H+1,Z].
+        actions: [S,H,A].
+        arrival: the step from which on a path is to be at the goal [S].
+    """
 
     states: Float64
     actions: Float64
+    arrival: Int64
+
+    def ahead(self, problem: Problem) -> Float64:
+        """How far latents are from the goal, once they are to be there, in units [S,H+1,Z]."""
+        found: Float64 = self.aimed[..., None] * (self.states - problem.goal / problem.unit)
+        return found
+
+    @property
+    def aimed(self) -> Bool:
+        """Which latents are to be at the goal [S,H+1]."""
+        aimed: Bool = np.arange(self.states.shape[1]) >= self.arrival[:, None]
+        return aimed
 
 
 @dataclass(frozen=True)
@@ -137,7 +157,7 @@ class LiftedPlanner(ABC):
             before = dynamics.transitions
             actions = self.optimised(problem, drafts(problem, guess[b], self.config))
             tried = np.concatenate([guess[b][None], np.clip(actions, -1, 1)]).astype(np.float32)
-            found.append(_best(rolled_out(problem, tried), tried, self._radius, query.goal[b]))
+            found.append(_best(problem, rolled_out(problem, tried), tried, self._radius))
             cost.transitions[b] = dynamics.transitions - before
         length = np.array([steps + 1 for _, _, steps in found])
         ends = np.array([path[steps] for path, _, steps in found])
@@ -167,20 +187,39 @@ class LiftedPlanner(ABC):
 def drafts(problem: Problem, guess: Float32, config: LiftedConfig) -> Drafts:
     """Paths that begin at the start, end at the goal, and break the dynamics evenly.
 
-    Each is a rollout bent to the goal, a little more at every step. The first is that of the guess
-    [H,A], the second is a straight line with actions of 0, all others have random actions.
+    Each is a rollout bent to the goal, a little more at every step until it is to arrive. The first
+    is that of the guess [H,A], the second is a straight line with actions of 0, all others have
+    random actions.
     """
     shape = config.starts, *guess.shape
+    arrival = arrivals(problem, guess, config)
     actions = np.clip(config.std * correlated(problem.rng, shape, config), -1, 1)
     actions[0] = guess
     actions[1:STILL] = 0
     states = rolled_out(problem, actions.astype(np.float32)).astype(np.float64)
     states[1:STILL] = problem.start
-    share = np.linspace(0, 1, shape[1] + 1)[:, None]
-    bent = states + share * (problem.goal - states[:, -1:])
+    share = np.minimum(np.arange(shape[1] + 1) / arrival[:, None], 1)[..., None]
+    end = states[np.arange(config.starts), arrival][:, None]
+    bent = np.where(share < 1, states + share * (problem.goal - end), problem.goal)
     line = problem.start + share * (problem.goal - problem.start)
     finite = np.isfinite(bent).all((1, 2), keepdims=True)
-    return Drafts(np.where(finite, bent, line) / problem.unit, actions)
+    return Drafts(np.where(finite, bent, line) / problem.unit, actions, arrival)
+
+
+def arrivals(problem: Problem, guess: Float32, config: LiftedConfig) -> Int64:
+    """The step at which each draft is to arrive [S].
+
+    Spread out, the guess arrives when its actions end, and the others between the fewest steps that
+    may do, each twice a median one, and the horizon.
+    """
+    last = config.horizon
+    if config.cost != "spread":
+        return np.full(config.starts, last if config.cost == "terminal" else 1)
+    played = np.flatnonzero(guess.any(1))
+    gap = np.linalg.norm((problem.goal - problem.start).astype(np.float64)) / problem.unit
+    fewest = min(max(1, int(np.ceil(gap / LONGEST))), last)
+    others = np.linspace(fewest, last, config.starts - 1).round().astype(np.int64)
+    return np.concatenate([[played[-1] + 1 if len(played) else last], others])
 
 
 def correlated(rng: np.random.Generator, shape: tuple[int, ...], config: LiftedConfig) -> Float64:
@@ -201,22 +240,23 @@ def rolled_out(problem: Problem, actions: Float32) -> Float32:
 
 
 def _best(
-    paths: Float32, actions: Float32, radius: float, goal: Float32
+    problem: Problem, paths: Float32, actions: Float32, radius: float
 ) -> tuple[Float32, Float32, int]:
     """Of paths [K,H+1,Z] under actions [K,H,A] the best one, and after how many steps it ends.
 
-    A path ends where it is nearest to the goal [Z]. The shortest that arrives is the best, else the
-    one that ends nearest. If all have overflown, it is one that stays.
+    A path ends where it is nearest to the goal. The shortest that arrives is the best, else the
+    one that ends nearest; if all have overflown, one that stays. A path arrives within the radius,
+    and nearer to the goal than the start by a fifth: else a start near the goal would stay there.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        gap = np.linalg.norm(paths[:, 1:].astype(np.float64) - goal, axis=2)
-    broken = ~np.isfinite(np.cumsum(gap, axis=1))
-    gap[broken] = np.inf
-    steps, nearest = gap.argmin(1), gap.min(1)
+        gap = np.linalg.norm(paths.astype(np.float64) - problem.goal, axis=2)
+    gap[~np.isfinite(np.cumsum(gap, axis=1))] = np.inf
+    steps, nearest = 1 + gap[:, 1:].argmin(1), gap[:, 1:].min(1)
     if not np.isfinite(nearest).any():
-        return np.repeat(paths[0, :1], paths.shape[1], 0), np.zeros_like(actions[0]), len(gap[0])
-    arrives = nearest <= radius
+        stays = np.repeat(problem.start[None], paths.shape[1], axis=0)
+        return stays, np.zeros_like(actions[0]), len(stays) - 1
+    arrives = nearest <= min(radius, NEARER * gap[0, 0])
     k = int(np.lexsort((nearest, np.where(arrives, steps, 0), ~arrives))[0])
-    path = paths[k].copy()
-    path[steps[k] + 2 :] = path[steps[k] + 1]
-    return path, actions[k], int(steps[k]) + 1
+    path, end = paths[k].copy(), int(steps[k])
+    path[end + 1 :] = path[end]
+    return path, actions[k], end

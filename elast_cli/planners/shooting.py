@@ -25,6 +25,7 @@ FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
 ROUNDS = 3  # in which actions at their bounds are found
 CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more; and for each step of a path
 CLOSE_A_STEP = 0.015  # so much: before it is at its end, it is refined again
+NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
 LEAST_GAIN = 0.01  # share of the squared gap below which another iteration is not worth it
 
 

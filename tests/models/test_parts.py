@@ -13,10 +13,11 @@ from elast_cli.config import StrictModel
 from elast_cli.errors import UsageError
 from elast_cli.models import part as module
 from elast_cli.models import parts
-from elast_cli.models.part import Section, stream
+from elast_cli.models.part import PartSection, Section, stream
 from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_named, register, word
 
-OURS = ["context", "encoder", "ensemble", "density", "policy"]
+FITTED = ["context", "encoder", "ensemble", "density", "policy"]
+OURS = [*FITTED, "graph"]
 
 
 def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
@@ -55,6 +56,7 @@ def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
         ("ensemble", "dataset context encoder", "dataset encoder"),
         ("density", "dataset context encoder ensemble", "dataset encoder"),
         ("policy", "dataset context encoder ensemble", "dataset encoder ensemble"),
+        ("graph", "dataset context encoder", "dataset encoder"),
     ],
 )
 def test_a_part_needs_more_where_episodes_differ_in_their_context(
@@ -85,10 +87,10 @@ def test_a_closure_holds_all_that_is_needed_in_order(
 @pytest.mark.parametrize("kind", OURS)
 def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
     found = part_named(kind)
-    assert issubclass(found.section, Section)
-    assert (
-        found.section.model_validate({}).fit.steps > 0
-    )  # its defaults are complete: they are `standard`
+    assert issubclass(found.section, PartSection)
+    defaults = found.section.model_validate({})  # complete: they are `standard`
+    assert isinstance(defaults, Section) == (kind in FITTED)
+    assert not isinstance(defaults, Section) or defaults.fit.steps > 0
     assert callable(found.spec.build)
     assert issubclass(found.spec, StrictModel)
     assert callable(found.train)
@@ -96,7 +98,7 @@ def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
 
 
 def test_no_two_parts_share_a_random_stream() -> None:
-    assert [stream(kind) for kind in OURS] == [5, 1, 2, 3, 4]  # of all models that there are
+    assert [stream(kind) for kind in OURS] == [5, 1, 2, 3, 4, 6]  # of all models that there are
     assert stream("goal_policy") not in module._STREAMS.values()
     assert stream("goal_policy") != stream("vae")
 

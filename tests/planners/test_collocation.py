@@ -100,6 +100,7 @@ def test_a_draft_whose_equations_fail_is_left_and_others_go_on() -> None:
     states[1, 5] = np.nan
     planner = CollocationPlanner(PointMass().at, CollocationConfig(horizon=15), REACH)
     with np.errstate(invalid="ignore"):
-        done = planner.settled(problem, Drafts(states, np.zeros((2, 15, 2))))
+        tried = Drafts(states, np.zeros((2, 15, 2)), np.full(2, 15))
+        done = planner.settled(problem, tried)
     assert np.abs(REACH * done.states[0, -1] - asked.goal[0]).max() < 1e-2
     np.testing.assert_array_equal(done.states[1], states[1])

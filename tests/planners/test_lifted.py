@@ -120,8 +120,10 @@ def test_drafts_lead_from_start_to_goal_and_break_the_dynamics_evenly() -> None:
     dynamics = Counted(Unicycle().at(asked.context))
     problem = Problem(dynamics, 0, asked.start[0], asked.goal[0], 0.5, generator("plan", 1))
     guess = np.full((12, 2), 0.5, np.float32)
-    found = drafts(problem, guess, config)
+    found = drafts(problem, guess, config.model_copy(update={"cost": "terminal"}))
     assert found.states.shape == (4, 13, 3)
+    assert found.arrival.tolist() == [12] * 4
+    assert found.aimed.tolist() == [[False] * 12 + [True]] * 4
     np.testing.assert_allclose(0.5 * found.states[:, 0], asked.start.repeat(4, 0), atol=1e-6)
     np.testing.assert_allclose(0.5 * found.states[:, -1], asked.goal.repeat(4, 0), atol=1e-6)
     np.testing.assert_array_equal(found.actions[0], guess)
@@ -133,6 +135,45 @@ def test_drafts_lead_from_start_to_goal_and_break_the_dynamics_evenly() -> None:
         bent = np.diff(0.5 * found.states[s] - rolled, axis=0)
         np.testing.assert_allclose(bent, np.tile(bent[0], (12, 1)), atol=1e-5)
     assert np.abs(found.actions[2] - found.actions[3]).max() > 0.5
+
+
+def test_drafts_arrive_at_different_steps_and_stay_at_the_goal() -> None:
+    asked = query(1)
+    asked = replace(asked, goal=asked.start + np.float32([[6 * REACH, 0]]))  # of two each: three
+    problem = Problem(
+        Counted(PointMass().at(asked.context)),
+        *(0, asked.start[0], asked.goal[0], REACH, generator("plan", 1)),
+    )
+    left = np.zeros((12, 2), np.float32)
+    left[:5] = 1
+    config = LiftedConfig(**{**SMALL, "starts": 4})
+    found = drafts(problem, left, config)
+    assert found.arrival.tolist() == [5, 3, 8, 12]
+    for s, arrival in enumerate(found.arrival):
+        gaps = np.abs(REACH * found.states[s] - asked.goal[0]).max(1)
+        assert (gaps[arrival:] < 1e-5).all()
+        assert (gaps[:arrival] > 1e-3).all()
+    assert drafts(problem, 0 * left, config).arrival[0] == 12
+    summed = config.model_copy(update={"cost": "summed"})
+    assert drafts(problem, left, summed).aimed[:, 1:].all()
+
+
+@each
+def test_a_near_goal_is_not_approached_over_the_whole_horizon(name: str) -> None:
+    asked = query(4)
+    asked = replace(asked, goal=asked.start + 3 * np.float32(REACH), context=0 * asked.context)
+    plan = planned(name, asked, starts=4, iterations=60)
+    assert plan.reached.all()
+    assert plan.length.max() < 10
+
+
+@each
+def test_a_start_near_the_goal_comes_nearer_and_does_not_stay(name: str) -> None:
+    asked = query(4)
+    asked = replace(asked, goal=asked.start + np.float32([[0.5 * REACH, 0]]))
+    plan = planned(name, asked, iterations=60)
+    ends = plan.states[np.arange(4), plan.length - 1]
+    assert np.linalg.norm(ends - asked.goal, axis=1).max() < 0.4 * REACH
 
 
 @pytest.mark.parametrize(

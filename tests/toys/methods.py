@@ -15,6 +15,7 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.ensemble.config import EnsembleConfig
 from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.files import save_model
+from elast_cli.models.graph.net import TrainingStates
 from elast_cli.models.nets import QuantileTable
 from elast_cli.models.part import Sizes
 from elast_cli.models.policy.config import PolicyConfig
@@ -30,6 +31,8 @@ TINY = [
     "cem.topk=4",
     "cem.n_steps=2",
     "cem.horizon=5",
+    "collocation.iterations=3",
+    "gradient.iterations=3",
 ]
 
 
@@ -60,6 +63,9 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     )
     density = TransitionDensity(DensityConfig(width=8), LATENT, 0)
     policy = LocalPolicy(PolicyConfig(width=8), LATENT, action, 0)
+    graph = TrainingStates(60, LATENT)
+    graph.latents.normal_()
+    graph.rows.copy_(torch.arange(60))
     ramp(encoder.step_length_quantiles, 1.0)
     ramp(ensemble.ensemble.variance_quantiles, 10.0)
     ramp(ensemble.support.distance_quantiles, 20.0)
@@ -67,6 +73,7 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     ramp(policy.round_trip_quantiles, 40.0)
     sizes = Sizes(latent=LATENT, action=action, context=0, state=STATE)
     parts = {"encoder": encoder, "ensemble": ensemble, "density": density, "policy": policy}
+    parts |= {"graph": graph}
     for kind, module in parts.items():
         (folder / kind).mkdir()
         save_model(folder / kind, trained(module, sizes))

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from elast_cli.planners.base import Limits, Plan, PlanCost, Query, Radii, WorldOf
+from elast_cli.planners.base import Limits, Plan, PlanCost, Query, Radii, WorldOf, lengthened
 from elast_cli.planners.graph.roadmap import Paths, Roadmap, shortest_from
 from elast_cli.planners.tree.reuse import closed
 from elast_cli.planners.tree.transitions import Transitions
@@ -48,26 +48,19 @@ class GraphPlanner:
         searches = [LazySearch(self, transitions, query, b) for b in range(len(query.start))]
         paths = [search.path() for search in searches]
         longest = max(len(path) for path in paths)
-        states = np.stack([_lengthened(path, longest) for path in paths])
+        states = np.stack([lengthened(path, longest) for path in paths])
+        actions = [search.along(path) for search, path in zip(searches, paths, strict=True)]
         ends = np.linalg.norm(states[:, -1] - query.goal, axis=1)
         reached = ends <= self.radii.goal
         return Plan(
             states=states,
-            actions=self._actions(transitions, states),
+            actions=np.stack([lengthened(taken, longest - 1) for taken in actions]),
             length=np.array([len(path) for path in paths]),
             reached=reached,
             cost=cost,
             memory=[search.verdicts for search in searches],
             blocked=[b for b, search in enumerate(searches) if search.failed and not reached[b]],
         )
-
-    def _actions(self, transitions: Transitions, states: Float32) -> Float32:
-        """π's actions along paths [B,T,Z]: [B,T-1,A]."""
-        world, (rows, length, size) = transitions.world, states.shape
-        steps = [np.ascontiguousarray(x).reshape(-1, size) for x in (states[:, :-1], states[:, 1:])]
-        actions = world.act(steps[0], steps[1], np.repeat(np.arange(rows), length - 1))
-        transitions.cost.policy_calls[:] += length - 1
-        return actions.reshape(rows, length - 1, world.action_size)
 
 
 class LazySearch:
@@ -111,6 +104,12 @@ class LazySearch:
                 break
         ends = [self._goal[None]] if arrives else []
         return np.concatenate([self._start[None], self._map.latents[nodes], *ends])
+
+    def along(self, path: Float32) -> Float32:
+        """π's actions along a path [T,Z]: [T-1,A]."""
+        self._transitions.cost.policy_calls[self._row] += len(path) - 1
+        row = np.full(len(path) - 1, self._row)
+        return self._transitions.world.act(path[:-1], path[1:], row)
 
     def _in_one_step(self) -> bool:
         """Whether an edge leads from the start to the goal."""
@@ -206,8 +205,3 @@ def _known(roadmap: Roadmap, query: Query, row: int) -> np.ndarray[tuple[int], n
     if not query.context.shape[1]:
         verdicts[roadmap.observed] = PASSED
     return verdicts
-
-
-def _lengthened(path: Float32, length: int) -> Float32:
-    """Latents [T,Z], the last one repeated up to a length."""
-    return np.concatenate([path, np.repeat(path[-1:], length - len(path), axis=0)])
