@@ -53,7 +53,7 @@ def test_block_equations_are_solved_as_dense_ones_are() -> None:
 def test_constraints_hold_and_the_goal_is_met(toy: Any, unit: float) -> None:
     """The unicycle must turn and drive back and forth: the straight line breaks its dynamics."""
     asked = query(1, toy.latent_size)
-    problem, done = settled(toy, asked, unit)
+    problem, done = settled(toy, asked, unit, cost="terminal")
     found = linearised(problem, done)
     assert np.abs(unit * found.defects).max() < 1e-3
     assert np.abs(found.excess).max() < 0.02

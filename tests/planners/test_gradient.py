@@ -55,7 +55,7 @@ def test_a_point_mass_gets_to_its_goal_and_more_iterations_get_nearer() -> None:
     asked = query(4)
 
     def gaps(iterations: int) -> Any:
-        config = GradientConfig(horizon=12, starts=2, iterations=iterations, sync_every=iterations)
+        config = GradientConfig(horizon=12, starts=2, iterations=iterations)
         plan = GradientPlanner(PointMass().at, config, REACH).plan(asked)
         ends = plan.states[np.arange(4), plan.length - 1]
         return np.linalg.norm(ends - asked.goal, axis=1) / REACH
@@ -65,9 +65,9 @@ def test_a_point_mass_gets_to_its_goal_and_more_iterations_get_nearer() -> None:
     assert many.mean() < few.mean()
 
 
-def test_without_noise_no_draft_depends_on_the_seed_but_by_its_random_actions() -> None:
+def test_drafts_depend_on_the_seed_by_their_random_actions_alone() -> None:
     asked = query(2)
-    config = GradientConfig(horizon=8, starts=2, iterations=10, noise=0)  # no random actions
+    config = GradientConfig(horizon=8, starts=2, iterations=10)  # no random actions
     planner = GradientPlanner(PointMass().at, config, REACH)
     one, other = planner.plan(asked), planner.plan(replace(asked, seed=asked.seed + 1))
     np.testing.assert_array_equal(one.actions, other.actions)

@@ -106,11 +106,10 @@ def test_where_every_step_overflows_the_plan_stays_and_is_not_reached(name: str)
 
 
 def test_every_predicted_transition_is_counted_once_a_member_and_slopes_with_their_passes() -> None:
-    config = {"sync_every": 2, "iterations": 4}
-    plan = planned("gradient", query(), **config)
+    plan = planned("gradient", query(), try_every=2, iterations=4)
     drafted, tried, each_iteration = 3, 1 + 2 * 3, 3 * (1 + (1 + 2))
-    rolled = drafted + 2 * 3 + tried
-    assert plan.cost.transitions.tolist() == [12 * 3 * (rolled + 4 * each_iteration)] * 3
+    rolled_out = drafted + tried
+    assert plan.cost.transitions.tolist() == [12 * 3 * (rolled_out + 4 * each_iteration)] * 3
     assert not plan.cost.density_calls.any()
     assert not plan.cost.policy_calls.any()
 
@@ -182,7 +181,7 @@ def test_a_start_near_the_goal_comes_nearer_and_does_not_stay(name: str) -> None
         (CollocationConfig, {"horizon": 0}),
         (CollocationConfig, {"growth": 1.0}),
         (GradientConfig, {"learning_rate": 0}),
-        (GradientConfig, {"sync_every": 0}),
+        (GradientConfig, {"try_every": 0}),
     ],
 )
 def test_a_config_that_makes_no_sense_is_refused(of: Any, bad: dict[str, Any]) -> None:
