@@ -116,8 +116,8 @@ class Drafts:
 
     def ahead(self, problem: Problem) -> Float64:
         """How far latents are from the goal, once they are to be there, in units [S,H+1,Z]."""
-        found: Float64 = self.aimed[..., None] * (self.states - problem.goal / problem.unit)
-        return found
+        gap = self.states - problem.goal.astype(np.float64) / problem.unit
+        return np.where(self.aimed[..., None], gap, 0.0)
 
     @property
     def aimed(self) -> Bool:

@@ -17,7 +17,7 @@ from elast_cli.planners.collocation import (
 )
 from elast_cli.planners.lifted import Counted, Drafts, Problem, drafts
 from elast_cli.seeding import generator
-from tests.toys.dynamics import REACH, SPEED, PointMass, Unicycle, query
+from tests.toys.dynamics import REACH, SPEED, PointMass, Unicycle, array, query
 
 
 def settled(toy: Any, asked: Query, unit: float, **config: Any) -> tuple[Problem, Drafts]:
@@ -63,7 +63,7 @@ def test_constraints_hold_and_the_goal_is_met(toy: Any, unit: float) -> None:
 
 def test_a_unicycle_goes_sideways_which_no_single_action_does() -> None:
     asked = query(1, 3)
-    asked = replace(asked, start=np.zeros((1, 3), np.float32), goal=np.float32([[0, 0.3, 0]]))
+    asked = replace(asked, start=np.zeros((1, 3), np.float32), goal=array([[0, 0.3, 0]]))
     planner = CollocationPlanner(Unicycle().at, CollocationConfig(horizon=15), SPEED)
     plan = planner.plan(asked)
     assert plan.reached.all()
@@ -73,7 +73,7 @@ def test_a_unicycle_goes_sideways_which_no_single_action_does() -> None:
 def test_summed_costs_are_within_two_percent_of_a_straight_run_at_full_speed() -> None:
     """The optimum of z' = z + REACH a: each axis at full speed up to the goal, then rest."""
     asked = replace(query(4), context=np.zeros((4, 2), np.float32))
-    asked = replace(asked, goal=asked.start + np.float32([[6.5, -4.0]]) * REACH)
+    asked = replace(asked, goal=asked.start + array([[6.5, -4.0]]) * REACH)
     config = CollocationConfig(horizon=12, starts=2, cost="summed")
     plan = CollocationPlanner(PointMass().at, config, REACH).plan(asked)
     steps = np.arange(1, 13)[:, None]

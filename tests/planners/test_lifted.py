@@ -15,7 +15,7 @@ from elast_cli.planners.gradient import GradientConfig, GradientPlanner
 from elast_cli.planners.lifted import Counted, LiftedConfig, Problem, drafts, rolled_out
 from elast_cli.seeding import generator
 from tests.toys.box import only
-from tests.toys.dynamics import REACH, Exploding, PointMass, Unicycle, query
+from tests.toys.dynamics import REACH, Exploding, PointMass, Unicycle, array, query
 
 PLANNERS: dict[str, Any] = {
     "collocation": (CollocationPlanner, CollocationConfig),
@@ -77,7 +77,7 @@ def test_a_plan_is_a_function_of_its_seed(name: str) -> None:
 @each
 def test_a_plan_counters_the_drift_of_its_context(name: str) -> None:
     asked = query(2)
-    asked = replace(asked, goal=asked.start, context=np.float32([[0.09, 0.0], [0.0, -0.09]]))
+    asked = replace(asked, goal=asked.start, context=array([[0.09, 0.0], [0.0, -0.09]]))
     plan = planned(name, asked, iterations=150, cost="summed", warm_start=False)
     first = plan.actions[:, 0]
     assert first[0, 0] < -0.2 < 0.2 < first[1, 1]
@@ -138,7 +138,7 @@ def test_drafts_lead_from_start_to_goal_and_break_the_dynamics_evenly() -> None:
 
 def test_drafts_arrive_at_different_steps_and_stay_at_the_goal() -> None:
     asked = query(1)
-    asked = replace(asked, goal=asked.start + np.float32([[6 * REACH, 0]]))  # of two each: three
+    asked = replace(asked, goal=asked.start + array([[6 * REACH, 0]]))  # of two each: three
     problem = Problem(
         Counted(PointMass().at(asked.context)),
         *(0, asked.start[0], asked.goal[0], REACH, generator("plan", 1)),
@@ -169,7 +169,7 @@ def test_a_near_goal_is_not_approached_over_the_whole_horizon(name: str) -> None
 @each
 def test_a_start_near_the_goal_comes_nearer_and_does_not_stay(name: str) -> None:
     asked = query(4)
-    asked = replace(asked, goal=asked.start + np.float32([[0.5 * REACH, 0]]))
+    asked = replace(asked, goal=asked.start + array([[0.5 * REACH, 0]]))
     plan = planned(name, asked, iterations=60)
     ends = plan.states[np.arange(4), plan.length - 1]
     assert np.linalg.norm(ends - asked.goal, axis=1).max() < 0.4 * REACH

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,7 +21,7 @@ class Toy:
     context: Float32 = field(default_factory=lambda: np.zeros((1, 2), np.float32))
     members: int = 3
 
-    def at(self, context: Float32) -> Toy:
+    def at(self, context: Float32) -> Self:
         return replace(self, context=context)
 
 
@@ -67,6 +68,11 @@ class Unicycle(Toy):
         out[:, 0, 2], out[:, 1, 2] = -ahead * sin, ahead * cos
         out[:, 0, 3], out[:, 1, 3], out[:, 2, 4] = SPEED * cos, SPEED * sin, TURN
         return out
+
+
+def array(values: Any) -> Float32:
+    """Nested numbers as an array."""
+    return np.array(values, np.float32)
 
 
 def query(rows: int = 3, size: int = 2) -> Query:

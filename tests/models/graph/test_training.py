@@ -22,7 +22,8 @@ STARTS = np.array([*range(10, 22), *range(30, 37), *range(50, 53)])  # of three 
 
 
 def chosen(nodes: int, stretch: int, seed: int = 0) -> list[int]:
-    return chosen_rows(STARTS, nodes, stretch, np.random.default_rng(seed)).tolist()
+    found: list[int] = chosen_rows(STARTS, nodes, stretch, np.random.default_rng(seed)).tolist()
+    return found
 
 
 def test_all_states_are_kept_where_there_is_room() -> None:
@@ -59,9 +60,12 @@ def test_latents_are_those_of_the_chosen_rows_and_are_read_back_without_torch(
     section = GraphSection(net=GraphConfig(nodes=9, stretch=5))
     setting = Setting(seed=1, work=tmp_path, device=torch.device("cpu"), progress=Silent())
     made, again = (chosen_states(data, section, setting) for _ in range(2))
-    rows = made.module.rows
-    assert torch.equal(rows, again.module.rows)
-    assert torch.equal(made.module.latents, z[rows])
+    states, same = made.module, again.module
+    assert isinstance(states, TrainingStates)
+    assert isinstance(same, TrainingStates)
+    rows = states.rows
+    assert torch.equal(rows, same.rows)
+    assert torch.equal(states.latents, z[rows])
     assert made.metrics["nodes"] == len(rows)
     observed = sum(int(b) - int(a) == 1 for a, b in pairwise(rows))
     assert made.metrics["observed_transitions"] == observed

@@ -7,8 +7,9 @@ import pytest
 
 from elast_cli.planners.graph.roadmap import TIE, Roadmap, merged, roadmap, shortest_from
 from elast_cli.shapes import Float32
+from tests.toys.dynamics import array
 
-LINE = np.float32([[0, 0], [1, 0], [2, 0], [3, 0], [3.1, 0]])
+LINE = array([[0, 0], [1, 0], [2, 0], [3, 0], [3.1, 0]])
 
 
 def edges(found: Roadmap) -> set[tuple[int, int]]:
@@ -30,7 +31,7 @@ def test_pairs_within_the_radius_are_joined_both_ways() -> None:
     np.testing.assert_allclose(found.length, 1)
     assert (np.diff(found.source) >= 0).all()
     assert found.first.tolist() == [0, 1, 3, 5, 6]
-    assert found.near(np.float32([1.2, 0])).tolist() == [0, 1, 2]
+    assert found.near(array([1.2, 0])).tolist() == [0, 1, 2]
 
 
 def test_an_observed_transition_is_an_edge_one_way_however_long() -> None:
@@ -45,22 +46,22 @@ def test_an_observed_transition_is_an_edge_one_way_however_long() -> None:
 
 def test_fewest_steps_win_and_then_the_least_length() -> None:
     """By hand: 0 -> 3 in two steps by 1, which bends, or by 2, which does not; 4 takes three."""
-    latents = np.float32([[0, 0], [1, 0.8], [1, 0.1], [2, 0], [0.5, 0]])
+    latents = array([[0, 0], [1, 0.8], [1, 0.1], [2, 0], [0.5, 0]])
     found = roadmap(latents, np.arange(5) * 2, spacing=0.0, radius=1.4)
     everything = np.ones(len(found.source), np.bool_)
     start = np.array([0])
-    paths = shortest_from(found, everything, start, np.float32([0.7]))
+    paths = shortest_from(found, everything, start, array([0.7]))
     assert paths.to(3) == [0, 2, 3]
     length = 0.7 + 2 * np.hypot(1, 0.1)
     assert paths.cost[3] == pytest.approx(3 + TIE * length / 1.4)
     without = everything & ~((found.source == 2) & (found.target == 3))
-    assert shortest_from(found, without, start, np.float32([0.7])).to(3) == [0, 1, 3]
+    assert shortest_from(found, without, start, array([0.7])).to(3) == [0, 1, 3]
 
 
 def test_what_no_usable_edge_leads_to_costs_infinitely_much() -> None:
     found = roadmap(LINE, np.arange(0, 10, 2), spacing=0.2, radius=1.5)
     nothing = np.zeros(len(found.source), np.bool_)
-    cost = shortest_from(found, nothing, np.array([1]), np.float32([1.0])).cost
+    cost = shortest_from(found, nothing, np.array([1]), array([1.0])).cost
     assert np.isfinite(cost).tolist() == [False, True, False, False]
 
 

@@ -14,6 +14,7 @@ from elast_cli.planners.graph.roadmap import Roadmap, roadmap
 from elast_cli.planners.graph.search import PASSED, REJECTED, UNTESTED, GraphPlanner
 from elast_cli.shapes import Float32, Int64
 from tests.toys.box import REACH, Box, only, problems
+from tests.toys.dynamics import array
 
 RADII = Radii(neighbor=1.4 * REACH, goal=REACH, failure=0.5 * REACH)
 LIMITS = Limits(min_log_density=-1.0, max_variance=0.1, max_round_trip=0.1 * REACH)
@@ -32,7 +33,7 @@ class Picky(Box):
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
         out = np.zeros(len(target), np.float32)
         for place in self.bad:
-            out[(features[target] == np.float32(place)).all(1)] = -9
+            out[(features[target] == array(place)).all(1)] = -9
         return out
 
     def drift(self, context: Float32) -> Float32:
@@ -45,11 +46,11 @@ class Picky(Box):
 def hand_map(radius: float = 0.13) -> Roadmap:
     """Two ways from (0, 0) to (0.4, 0): three nodes straight on, or four over the top."""
     places = [(0.1, 0), (0.2, 0), (0.3, 0), (0.08, 0.09), (0.16, 0.12), (0.24, 0.12), (0.32, 0.09)]
-    return roadmap(np.float32(places), np.arange(7) * 2, spacing=0.0, radius=radius)
+    return roadmap(array(places), np.arange(7) * 2, spacing=0.0, radius=radius)
 
 
 def asked(start: Any = (0, 0), goal: Any = (0.4, 0), **more: Any) -> Query:
-    at = [np.float32([place]) for place in (start, goal)]
+    at = [array([place]) for place in (start, goal)]
     return Query(at[0], at[1], NO_CONTEXT, np.array([0]), **more)
 
 
@@ -85,7 +86,7 @@ def test_where_no_way_is_left_the_path_ends_nearest_to_the_goal() -> None:
 
 
 def test_only_edges_about_the_path_are_tested() -> None:
-    far = np.float32([(-0.1 * i, -0.5) for i in range(9)])
+    far = array([(-0.1 * i, -0.5) for i in range(9)])
     places = np.concatenate([hand_map().latents, far])
     wide = roadmap(places, np.arange(16) * 2, spacing=0.0, radius=0.13)
     verdicts: Any = by_hand(asked(), roadmap=wide).memory[0]
@@ -115,11 +116,11 @@ def test_every_call_of_a_network_is_counted() -> None:
 
 
 def test_a_place_that_execution_failed_to_reach_is_closed_and_a_blocked_row_is_named() -> None:
-    failed = np.float32([[(0.1, 0), (0.2, 0)]])
+    failed = array([[(0.1, 0), (0.2, 0)]])
     plan = by_hand(asked(failed=[failed]), radii=replace(RADII, failure=0.05))
     assert heights(plan) == [0, 0.09, 0.12, 0.12, 0.09, 0]
     assert plan.blocked == []
-    both = np.float32([[(0.1, 0), (0.2, 0)], [(0.16, 0.12), (0.24, 0.12)]])
+    both = array([[(0.1, 0), (0.2, 0)], [(0.16, 0.12), (0.24, 0.12)]])
     assert by_hand(asked(failed=[both]), radii=replace(RADII, failure=0.05)).blocked == [0]
 
 
