@@ -11,6 +11,7 @@ import numpy as np
 
 from elast_cli.compiled import njit
 from elast_cli.inference.dense import DenseNetwork, tanh
+from elast_cli.inference.forward_dynamics import ForwardDynamics
 from elast_cli.inference.slopes import MeanSlopes
 from elast_cli.models.stored import Stored
 from elast_cli.models.tensors import Arrays, under
@@ -131,8 +132,10 @@ class LatentWorld:
         self._cells: dict[float, Cells] = {}
         self._scale = Scale(under(ensemble.arrays, "ensemble.scale"))
         self._ensemble = DenseNetwork.of(under(ensemble.arrays, "ensemble.layers"), device)
-        self._single = DenseNetwork.of(forward_model, device) if forward_model else None
-        self._slopes = MeanSlopes((self._single or self._ensemble).layers)
+        self._single = (
+            ForwardDynamics(forward_model, sizes.action, device) if forward_model else None
+        )
+        self._slopes = MeanSlopes(self._ensemble.layers)
         self._policy = PolicyCall(policy, device)
         self._first = DenseNetwork([_first_layer(density)], device)
         self._rest = DenseNetwork.of(under(density.arrays, "rest.1"), device)
@@ -144,6 +147,7 @@ class LatentWorld:
         """This world for scenarios with contexts [B,C]."""
         world = copy(self)
         world.context = context
+        world._single = self._single.at(context) if self._single else None
         return world
 
     def _contexts(self, row: Int64) -> Float32:
@@ -154,21 +158,19 @@ class LatentWorld:
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
         """Next latent [M,Z] and variance [M] of H_f (or of h_f, with variance 0)."""
         if self._single is not None:
-            delta = self._single(np.concatenate([z, action, self._contexts(row)], 1))[0]
-            return z + delta, np.zeros(len(z), np.float32)
+            return self._single.step(z, action, row)
         scale = self._scale
         steps = self._ensemble(_inputs(z, scale.mean, scale.std, action, self._contexts(row)))
         return _moments(steps, scale.step, z)
 
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
         """How the next latent of H_f (or of h_f) moves with latent and action [M,Z,Z+A]."""
-        context = np.repeat(self.context[row : row + 1], len(z), axis=0)
-        inputs = self.latent_size + self.action_size
-        mean, std, step = self._scale.mean, self._scale.std, self._scale.step
-        if self._single is not None:  # on latents as they are
-            mean, std, step = np.zeros_like(mean), np.ones_like(std), np.ones_like(step)
-        found = self._slopes(_inputs(z, mean, std, action, context), inputs) * step[:, None]
-        found[:, :, : self.latent_size] /= std
+        if self._single is not None:
+            return self._single.slopes(z, action, row)
+        scale, context = self._scale, np.repeat(self.context[row : row + 1], len(z), axis=0)
+        inputs = _inputs(z, scale.mean, scale.std, action, context)
+        found = self._slopes(inputs, self.latent_size + self.action_size) * scale.step[:, None]
+        found[:, :, : self.latent_size] /= scale.std
         found[:, :, : self.latent_size] += np.eye(self.latent_size, dtype=np.float32)
         return found
 

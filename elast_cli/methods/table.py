@@ -132,7 +132,7 @@ def names(methods: Collection[Method]) -> str:
 
 PLANNER = {"planner": "elast_cli.planners.tree.config:TreeConfig"}
 CONTROL = {"control": "elast_cli.control.base:ControlConfig"}
-TREES_ALONE = {"follow": "states", "replan_every": 20}
+TREES_ALONE: JsonDict = {"follow": "states", "replan_every": 20}
 ONE_BY_ONE = {"min": 1, "max": 1}
 
 register(
@@ -182,6 +182,30 @@ for _name, _about, _parts, _sections in (
             builder="elast_cli.methods.goal_policy:build",
         )
     )
+for _word, _section, _about in (
+    ("coll", "collocation", "latents and actions by Gauss-Newton, on h_f"),
+    ("grad", "gradient", "latents and actions by Adam, on h_f"),
+):
+    register(
+        Method(
+            name=f"cpc-{_word}",
+            about=_about,
+            parts=("context", "encoder"),
+            sections={_section: f"elast_cli.planners.{_section}:{_section.capitalize()}Config"}
+            | CONTROL,
+            builder=f"elast_cli.methods.lifted:build_{_section}",
+        )
+    )
+register(
+    Method(
+        name="knn-graph",
+        about="shortest paths on a map of the data, with all tests",
+        parts=("context", "encoder", "ensemble", "density", "policy", "graph"),
+        sections={"graph_search": "elast_cli.planners.graph.config:GraphSearchConfig"} | CONTROL,
+        builder="elast_cli.methods.graph:build",
+        changes={"control": TREES_ALONE},
+    )
+)
 register(
     Method(
         name="random",

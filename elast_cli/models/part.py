@@ -27,7 +27,7 @@ IMAGE_SHARE = 0.25  # of the memory that a training may use, for images
 MAX_WIDTH = 1 << 16  # sizes are bounded: they come from files
 MAX_SIZE = 1 << 20
 Precision = Literal["float32", "bfloat16", "auto"]
-_STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5}
+_STREAMS = {"encoder": 1, "ensemble": 2, "density": 3, "policy": 4, "context": 5, "graph": 6}
 
 
 class FitConfig(StrictModel):
@@ -47,8 +47,12 @@ class FitConfig(StrictModel):
     save_every: int = Field(default=500, gt=0, description="steps between two checkpoints")
 
 
-class Section(StrictModel):
+class PartSection(StrictModel):
     """A part's section of a preset. Parts add their own records, such as `net`."""
+
+
+class Section(PartSection):
+    """That of a part which is fitted."""
 
     fit: FitConfig
 

@@ -16,7 +16,7 @@ from elast_cli.errors import UsageError, suggestion
 
 if TYPE_CHECKING:
     from elast_cli.models.inputs import Inputs
-    from elast_cli.models.part import Section, Setting, Trained
+    from elast_cli.models.part import PartSection, Setting, Trained
 
 DATASET = "dataset"
 CONTEXT = "context"
@@ -32,7 +32,7 @@ class Part:
         about: one line for `--help`.
         needs: kinds that it is trained on, `dataset` among them.
         needs_where_context: further ones where episodes differ in their context.
-        section_class: its section of presets, a `Section`; imports no torch.
+        section_class: its section of presets, a `PartSection`; imports no torch.
         spec_class: a StrictModel with `build`, see `ModelSpec`; imports no torch.
         trainer: called as trainer(inputs, section, setting), returns a `Trained`.
     """
@@ -46,9 +46,9 @@ class Part:
     needs_where_context: tuple[str, ...] = ()
 
     @property
-    def section(self) -> type[Section]:
+    def section(self) -> type[PartSection]:
         """The class of its section."""
-        found: type[Section] = imported(self.section_class)
+        found: type[PartSection] = imported(self.section_class)
         return found
 
     @property
@@ -193,3 +193,10 @@ for _kind, _about, _needs in (
     ("gciql", "Train a goal-conditioned policy on latents (Q-learning).", "context encoder"),
 ):
     register(_row(_kind, _about, f"dataset {_needs}", within="models.goal_policy"))
+register(
+    _row(
+        "graph",
+        about="Choose training states as the nodes of a graph; nothing is fitted.",
+        needs="dataset context encoder",
+    )
+)

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from elast_cli.models.part import Section, Sizes
+from elast_cli.models.part import PartSection, Sizes
 from elast_cli.models.parts import part_named
 from elast_cli.models.tensors import Want
 from elast_cli.shapes import IMAGE_SIZE
 
 
-def weight_bytes(kind: str, section: Section, sizes: Sizes, *, packed: bool = False) -> float:
+def weight_bytes(kind: str, section: PartSection, sizes: Sizes, *, packed: bool = False) -> float:
     """Bytes of a part's tensors; NaN if its spec does not name them.
 
     Args:
@@ -37,7 +37,7 @@ def _bytes(name: str, want: Want, *, packed: bool) -> int:
     return size * math.prod(want.shape)
 
 
-def image_bytes(section: Section) -> int:
+def image_bytes(section: PartSection) -> int:
     """Bytes of an image as a training keeps it in memory; 0 for a part that takes none."""
     pool: int | None = getattr(getattr(section, "net", None), "pool", None)
     return 2 * 3 * (IMAGE_SIZE // pool) ** 2 if pool else 0

@@ -30,12 +30,14 @@ METHOD_COLOURS = {
     "elast-literal": "#8C6BB1",
     "cpc-cem": "#D55E00",
     "cpc-coll": "#E69F00",
+    "cpc-grad": "#F0E442",
     "cpc-gcbc": "#009E73",
     "v-gcbc": "#66C2A5",
     "cpc-gcidm": "#1B4F72",
     "cpc-gciql": "#B5A900",
     "planet": "#CC79A7",
     "htm": "#A6761D",
+    "knn-graph": "#117733",
     "random": "#999999",
 }
 _OTHER = "#4D4D4D"

@@ -99,6 +99,13 @@ class Plan:
     blocked: Sequence[int] = ()
 
 
+def lengthened(x: Float32, length: int) -> Float32:
+    """Entries [T,...] up to `length`: the last one again, or zeros where there is none."""
+    more = length - len(x)
+    last = x[-1:] if len(x) else np.zeros((1, *x.shape[1:]), x.dtype)
+    return np.concatenate([x, np.repeat(last, more, 0)])
+
+
 class Planner(Protocol):
     """Anything that turns queries into paths."""
 
@@ -107,30 +114,42 @@ class Planner(Protocol):
         ...
 
 
-class World(Protocol):
-    """The learned world as functions on float32 arrays; `row` [M] is each item's scenario.
+class Dynamics(Protocol):
+    """Learned dynamics of B scenarios, H_f or h_f, as functions on float32 arrays.
+
+    `row` [M] is each item's scenario. An item's next latent does not depend on the others, to the
+    bit.
+    """
+
+    latent_size: int
+    action_size: int
+    members: int
+
+    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
+        """Next latent [M,Z] and its variance [M]."""
+        ...
+
+    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
+        """How the next latent moves with latent and action in scenario `row`: [M,Z,Z+A].
+
+        The last bits of an item may depend on the others in its call.
+        """
+        ...
+
+
+DynamicsOf = Callable[[Float32], Dynamics]  # those of B scenarios, from their contexts [B,C]
+
+
+class World(Dynamics, Protocol):
+    """The learned world of B scenarios; its dynamics are H_f.
 
     Every function treats its M items independently: an item's result does not depend on the
     others, to the bit. `axes` [Z,D] are orthonormal directions along which states spread the
     most, for the neighbour search.
     """
 
-    latent_size: int
-    action_size: int
     feature_size: int
-    members: int
     axes: Float64
-
-    def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """Next latent [M,Z] of H_f and its variance [M]."""
-        ...
-
-    def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
-        """How the next latent of H_f moves with latent and action in scenario `row`: [M,Z,Z+A].
-
-        The last bits of an item may depend on the others in its call.
-        """
-        ...
 
     def features(self, z: Float32, row: Int64) -> Float32:
         """What `log_density` needs to know of a node, computed once per node: [M,E]."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elast_cli.planners.base import Plan, PlanCost, Query, World
-from elast_cli.planners.shooting import Shot, length, refined, shots
+from elast_cli.planners.base import Plan, PlanCost, Query, World, lengthened
+from elast_cli.planners.shooting import NEARER, Shot, length, refined, shots
 from elast_cli.planners.tree import reuse
 from elast_cli.planners.tree.forest import Forest, path_to
 from elast_cli.planners.tree.search import ElastPlanner, Search
@@ -17,7 +17,6 @@ from elast_cli.shapes import Float32, Int64
 FIRST_ITERATIONS = 2  # of all paths of a tree; then half of them get twice as many, and so on
 BAND, BANDS = 8, 8  # steps of a band of depths, and how many bands have paths refined
 AWAY = 4  # steps that π leads where no tree can grow
-NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,8 @@ class ShootingPlanner:
         reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
         failed = query.failed or [np.empty(0, np.float32)] * len(paths)
         return Plan(
-            states=np.stack([_lengthened(path.states, longest) for path in paths]),
-            actions=np.stack([_lengthened(path.actions, longest - 1) for path in paths]),
+            states=np.stack([lengthened(path.states, longest) for path in paths]),
+            actions=np.stack([lengthened(path.actions, longest - 1) for path in paths]),
             length=np.array([len(path.states) for path in paths]),
             reached=reached,
             cost=cost,
@@ -176,10 +175,3 @@ def endings(forest: Forest, b: int, count: int) -> list[int]:
         if len(nodes):
             found.append(int(nodes[distance[nodes].argmin()]))
     return sorted(found, key=lambda node: float(distance[node]))[:count]
-
-
-def _lengthened(x: Float32, length: int) -> Float32:
-    """Entries [T,...] up to `length`: the last one again, or zeros where there is none."""
-    more = length - len(x)
-    last = x[-1:] if len(x) else np.zeros((1, *x.shape[1:]), x.dtype)
-    return np.concatenate([x, np.repeat(last, more, 0)])

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elast_cli.planners.base import World
+from elast_cli.planners.base import Dynamics, World
 from elast_cli.shapes import Float32, Float64, Int64
 
 DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the former do not help
@@ -25,6 +25,7 @@ FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
 ROUNDS = 3  # in which actions at their bounds are found
 CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more; and for each step of a path
 CLOSE_A_STEP = 0.015  # so much: before it is at its end, it is refined again
+NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
 LEAST_GAIN = 0.01  # share of the squared gap below which another iteration is not worth it
 
 
@@ -70,7 +71,9 @@ def shots(
     ]
 
 
-def roll(world: World, starts: Float32, actions: Sequence[Float32], rows: Int64) -> list[Float32]:
+def roll(
+    world: Dynamics, starts: Float32, actions: Sequence[Float32], rows: Int64
+) -> list[Float32]:
     """Latents [T+1,Z] of each path from starts [P,Z] under its actions [T,A], all side by side."""
     order = np.argsort([-len(acts) for acts in actions], kind="stable")
     lengths = np.array([len(actions[p]) for p in order])

@@ -15,7 +15,7 @@ from typing import Any
 from elast_cli.config import JsonDict
 from elast_cli.control.collection import CollectConfig
 from elast_cli.methods.table import method_named
-from elast_cli.models.part import IMAGE_SHARE, Section, Sizes
+from elast_cli.models.part import IMAGE_SHARE, PartSection, Section, Sizes
 from elast_cli.models.parts import CONTEXT, DATASET, PARTS, part_named
 from elast_cli.models.sizes import image_bytes, weight_bytes
 from elast_cli.stages import train
@@ -50,6 +50,7 @@ PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9}
 # Seconds of a step of an episode, by section of the method, or by the policy that is asked for it.
 STEP = {"planner": 0.05, "cem": 0.04, "icem": 0.04, "mppi": 0.04, "collect": 0.001}
 STEP |= {"gcbc": 0.001, "pixel_gcbc": 0.003, "gcidm": 0.001, "gciql": 0.001}
+STEP |= {"collocation": 0.1, "gradient": 0.1, "graph_search": 0.05}
 START, REPORT, PLAN = 3.0, 2.0, 4.0  # seconds: loading, a report, a plan
 COLLECTOR, TORCH, EVALUATOR = 0.2e9, 0.3e9, 0.42e9  # bytes of memory of a process
 CURVE_ROW, EPISODE, FILMS, FIGURE = 300, 450, 150e3, 450e3  # bytes; films of one level
@@ -141,27 +142,31 @@ def _of_dataset(job: Job) -> Estimate:
 
 def _of_part(job: Job, kind: str, inputs: Mapping[str, Ref]) -> Estimate:
     section = job.config.section(kind, part_named(kind).section)
-    fit, sizes = section.fit, _sizes(job)
+    sizes, fit = _sizes(job), section.fit if isinstance(section, Section) else None
     rows, episodes = _frames(job, inputs)
     need, spare = train.memory(job, rows)
     images = (episodes if kind == CONTEXT else rows) * image_bytes(section)
     memory = TORCH + need + (images if images <= IMAGE_SHARE * spare else 0)
     memory += 4 * weight_bytes(kind, section, sizes)  # gradients and two moments besides
-    size = weight_bytes(kind, section, sizes, packed=fit.precision == "bfloat16")
-    size += CURVE_ROW * math.ceil(fit.steps / fit.log_every)
+    packed = fit is not None and fit.precision == "bfloat16"
+    size = weight_bytes(kind, section, sizes, packed=packed)
+    size += CURVE_ROW * (math.ceil(fit.steps / fit.log_every) if fit else 1)
     seconds, source = _training_seconds(job, kind, section)
     return _estimate(size, memory if job.device == "cpu" else math.nan, seconds, source, SHAPES)
 
 
-def _training_seconds(job: Job, kind: str, section: Section) -> tuple[float, str]:
+def _training_seconds(job: Job, kind: str, section: PartSection) -> tuple[float, str]:
     """Seconds of a training, and their source."""
 
     def alike(found: Manifest) -> bool:
         differing = [text for text in of_sections(job, found) if ".fit.steps=" not in text]
         return not differing + of_world(job, found)
 
+    earlier = Earlier.latest(job, kind, alike)
+    if not isinstance(section, Section):
+        return (earlier.seconds, str(earlier)) if earlier else (START, RULE)
     fit, net = section.fit, getattr(section, "net", None)
-    if earlier := Earlier.latest(job, kind, alike):
+    if earlier:
         return fit.steps / earlier.setting(kind, "fit", "steps") * earlier.seconds, str(earlier)
     item = ITEM.get(kind, math.nan)
     convolves = getattr(net, "architecture", "conv") == "conv"

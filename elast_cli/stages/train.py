@@ -51,8 +51,9 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
 def _settings(job: Job, kind: str) -> JsonDict:
     """The part's section, without keys that change no weight."""
     section = job.config.plain(kind)
-    fit = section["fit"]
-    assert isinstance(fit, dict)  # every section of a part has it
+    fit = section.get("fit")
+    if not isinstance(fit, dict):  # nothing is fitted
+        return section
     silent = {key.removeprefix("fit.") for key in WITHOUT_EFFECT}
     return {**section, "fit": {key: value for key, value in fit.items() if key not in silent}}
 
@@ -63,6 +64,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
     from elast_cli.models.fit import write_metrics
     from elast_cli.models.inputs import Inputs
     from elast_cli.models.outputs import Outputs
+    from elast_cli.models.part import Section
     from elast_cli.models.precision import resolved
 
     began, cpu = time.monotonic(), time.process_time()
@@ -82,9 +84,11 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
         write_metrics(trained.curve, run.staging)
     if trained.reconstructions:
         _draw(trained.reconstructions, run.staging / RECONSTRUCTIONS_FILE)
+    metrics: JsonDict = {**trained.metrics}
+    if isinstance(section, Section):
+        metrics["precision"] = resolved(section.fit.precision, job.device)
     return {
-        **trained.metrics,
-        "precision": resolved(section.fit.precision, job.device),
+        **metrics,
         "wall_s": round(time.monotonic() - began, 3),
         "cpu_s": round(time.process_time() - cpu, 3),
     }

@@ -13,12 +13,12 @@ from elast_cli.config import StrictModel
 from elast_cli.errors import UsageError
 from elast_cli.models import part as module
 from elast_cli.models import parts
-from elast_cli.models.part import Section, stream
+from elast_cli.models.part import PartSection, Section, stream
 from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_named, register, word
 
 ELAST = ["context", "encoder", "ensemble", "density", "policy"]
 GOAL_POLICIES = ["gcbc", "pixel_gcbc", "gcidm", "gciql"]
-OURS = [*ELAST, *GOAL_POLICIES]
+OURS = [*ELAST, *GOAL_POLICIES, "graph"]
 
 
 def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
@@ -61,6 +61,7 @@ def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
         ("pixel_gcbc", "dataset context", "dataset"),
         ("gcidm", "dataset context encoder", "dataset encoder"),
         ("gciql", "dataset context encoder", "dataset encoder"),
+        ("graph", "dataset context encoder", "dataset encoder"),
     ],
 )
 def test_a_part_needs_more_where_episodes_differ_in_their_context(
@@ -91,10 +92,10 @@ def test_a_closure_holds_all_that_is_needed_in_order(
 @pytest.mark.parametrize("kind", OURS)
 def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
     found = part_named(kind)
-    assert issubclass(found.section, Section)
-    assert (
-        found.section.model_validate({}).fit.steps > 0
-    )  # its defaults are complete: they are `standard`
+    assert issubclass(found.section, PartSection)
+    defaults = found.section.model_validate({})  # complete: they are `standard`
+    assert isinstance(defaults, Section) == (kind != "graph")
+    assert not isinstance(defaults, Section) or defaults.fit.steps > 0
     assert callable(found.spec.build)
     assert issubclass(found.spec, StrictModel)
     assert callable(found.train)
@@ -102,7 +103,8 @@ def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
 
 
 def test_no_two_parts_share_a_random_stream() -> None:
-    assert [stream(kind) for kind in ELAST] == [5, 1, 2, 3, 4]  # of all models that there are
+    fixed = [stream(kind) for kind in [*ELAST, "graph"]]
+    assert fixed == [5, 1, 2, 3, 4, 6]  # of all models that there are
     assert len({stream(kind) for kind in OURS}) == len(OURS)
     assert stream("goal_policy") not in module._STREAMS.values()
     assert stream("goal_policy") != stream("vae")

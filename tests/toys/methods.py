@@ -21,6 +21,7 @@ from elast_cli.models.goal_policy.gcidm.config import GcidmConfig
 from elast_cli.models.goal_policy.net import GoalPolicy
 from elast_cli.models.goal_policy.pixel_gcbc.config import PixelGcbcConfig
 from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
+from elast_cli.models.graph.net import TrainingStates
 from elast_cli.models.nets import QuantileTable
 from elast_cli.models.part import Sizes
 from elast_cli.models.policy.config import PolicyConfig
@@ -36,6 +37,8 @@ TINY = [
     "cem.topk=4",
     "cem.n_steps=2",
     "cem.horizon=5",
+    "collocation.iterations=3",
+    "gradient.iterations=3",
 ]
 
 
@@ -66,6 +69,9 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     )
     density = TransitionDensity(DensityConfig(width=8), LATENT, 0)
     policy = LocalPolicy(PolicyConfig(width=8), LATENT, action, 0)
+    graph = TrainingStates(60, LATENT)
+    graph.latents.normal_()
+    graph.rows.copy_(torch.arange(60))
     ramp(encoder.step_length_quantiles, 1.0)
     ramp(ensemble.ensemble.variance_quantiles, 10.0)
     ramp(ensemble.support.distance_quantiles, 20.0)
@@ -77,6 +83,7 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
         "ensemble": ensemble,
         "density": density,
         "policy": policy,
+        "graph": graph,
     }
     small = GoalNetConfig(width=8, depth=1)
     parts |= {kind: GoalPolicy(small, sizes, 0) for kind in ("gcbc", "gciql")}

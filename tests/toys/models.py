@@ -20,6 +20,8 @@ from elast_cli.models.goal_policy.gcidm.config import GcidmConfig, GcidmSpec
 from elast_cli.models.goal_policy.net import GoalPolicy
 from elast_cli.models.goal_policy.pixel_gcbc.config import PixelGcbcConfig, PixelGcbcSpec
 from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
+from elast_cli.models.graph.config import GraphConfig, GraphSpec
+from elast_cli.models.graph.net import TrainingStates
 from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySpec
@@ -28,7 +30,7 @@ from elast_cli.models.policy.net import LocalPolicy
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
 GOAL_POLICIES = ("gcbc", "gcidm", "pixel_gcbc")  # what gciql keeps has the form of gcbc
-KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES)
+KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES, "graph")
 
 
 def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
@@ -50,11 +52,14 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
     density = TransitionDensity(DensityConfig(width=16, noise_scale=1.5), LATENT, context)
     policy = LocalPolicy(PolicyConfig(width=16), LATENT, ACTION, context)
     z = torch.randn(200, LATENT) * torch.tensor([1.0, 2.0, 0.5, 3.0]) + 1
+    graph = TrainingStates(40, LATENT)
+    graph.latents.normal_()
     found: dict[str, nn.Module] = {
         "encoder": encoder,
         "ensemble": ensemble,
         "density": density,
         "policy": policy,
+        "graph": graph,
     }
     if context:
         found["context"] = ContextAutoencoder(
@@ -94,6 +99,8 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return EnsembleSpec(sizes=sizes, net=model.config)
         case TransitionDensity():
             return DensitySpec(sizes=sizes, net=model.config)
+        case TrainingStates():
+            return GraphSpec(sizes=sizes, net=GraphConfig(nodes=len(model.rows)))
         case LocalPolicy():
             return PolicySpec(sizes=sizes, net=model.config)
         case GoalPolicy(config=GcidmConfig() as net):

@@ -1,0 +1,1 @@
+"""Training states as a map of the latent space."""

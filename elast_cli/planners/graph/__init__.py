@@ -1,0 +1,1 @@
+"""Shortest paths on a map of the data, whose edges are tested lazily."""
