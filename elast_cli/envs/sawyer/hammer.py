@@ -25,7 +25,7 @@ _FACE = 0.072  # m; from its head's middle to its face
 _LYING = np.array([0.0, 0.0, 0.028, 1.0, 0.0, -0.029, 0.0])  # at rest on the table
 _NAIL_HEAD = np.array([0.24, 0.631, 0.11])  # m; of a nail that is out
 _OPEN_BY = 0.035  # m; of both fingers, at most
-_GRIP_GAIN = 4.0  # a gripper's force is full nearly everywhere
+_OPEN_GAP = 0.045  # m; fingers farther apart than that are open, whatever they hold
 _BLOWS = 10  # steps towards the nail, at most
 
 
@@ -33,8 +33,8 @@ class Hammer(SawyerTask):
     """Hammer: grasped from the table, its head on a nail that it has driven in.
 
     State: as for the arm, then the hammer's place (m) and quaternion, then the nail's depth, m. The
-    fourth number of an action closes the gripper, also where it is 0, so that random actions hold
-    on to what they have.
+    fourth number of an action opens the gripper, closes it, or leaves it as it is, so that random
+    actions hold on to what they have, and reach down with open fingers.
     """
 
     config: HammerConfig
@@ -53,10 +53,20 @@ class Hammer(SawyerTask):
     }
 
     def advance(self, action: Vector) -> None:
-        """As for the arm; the gripper closes where the fourth number is above -`grip_bias`."""
-        biased = np.array(action)
-        biased[3] = np.clip(_GRIP_GAIN * (biased[3] + self.config.grip_bias), -1.0, 1.0)
-        super().advance(biased)
+        """As for the arm; between -`opens` and `closes`, the gripper stays as it is."""
+        switched = np.array(action)
+        if action[3] <= -self.config.opens:
+            switched[3] = -1.0
+        elif action[3] >= self.config.closes:
+            switched[3] = 1.0
+        else:
+            switched[3] = -1.0 if self._is_open() else 1.0
+        super().advance(switched)
+
+    def _is_open(self) -> bool:
+        """Whether the gripper was opened last; the fingers show it, so no state is hidden."""
+        right, left = self.data.qpos[scene.FINGERS]
+        return bool(left - right + 2 * _OPEN_BY > _OPEN_GAP)
 
     def distance(self, state: Vector, goal: Vector) -> float:
         """The greater of the nail's and the hammer's head's distance, in their tolerances."""
