@@ -106,6 +106,24 @@ def test_random_data_move_what_matters(name: str, number: int, least: float) -> 
     assert moved >= least * episodes
 
 
+def test_a_gripper_stays_as_it_is_until_it_is_switched() -> None:
+    env = made("hammer")
+    env.reset(seed=0)
+    env.data.qpos[hammer.HAMMER][:2] = -0.2, 0.3  # out of the way
+
+    def gap_after(grip: float) -> float:
+        env.step(np.array([0, 0, 0.2, grip], dtype=np.float32))
+        return float(np.diff(env.data.qpos[7:9])[0] + 0.07)
+
+    for switch, wide in ((-0.6, True), (0.2, False), (-1.0, True), (1.0, False)):
+        found = [gap_after(grip) for grip in (switch, switch, -0.59, 0.19, 0.0)]
+        assert all((gap > 0.06) == wide for gap in found[1:])
+        again = made("hammer")
+        again.set_state(env.state, np.zeros(0, np.float32))  # no state is hidden
+        again.advance(np.zeros(4, np.float32))
+        assert (float(np.diff(again.data.qpos[7:9])[0] + 0.07) > 0.06) == wide
+
+
 def test_a_closed_gripper_keeps_the_hammer() -> None:
     env = made("hammer", held_share=1.0, between_share=0.0)
     env.np_random = np.random.default_rng(1)
