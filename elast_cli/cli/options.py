@@ -33,10 +33,22 @@ def _environments(incomplete: str) -> list[tuple[str, str]]:
 
 def _methods(incomplete: str) -> list[str]:
     """Lists of methods whose last name begins so, for the shell."""
+    before, comma, last = incomplete.rpartition(",")
+    return [before + comma + name for name in method_names(last)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """Methods that begin so, for the shell."""
     from elast_cli.methods.table import METHODS
 
-    before, comma, last = incomplete.rpartition(",")
-    return [before + comma + name for name in METHODS if name.startswith(last)]
+    return [name for name in METHODS if name.startswith(incomplete)]
+
+
+def growing_trees(incomplete: str) -> list[str]:
+    """Methods that begin so and grow a tree, for the shell."""
+    from elast_cli.methods.table import needing
+
+    return [name for name in needing("planner") if name.startswith(incomplete)]
 
 
 def _presets(incomplete: str) -> list[str]:
@@ -160,6 +172,15 @@ class Fitting:
             ("--log-freq", f"{section}.fit.log_every", self.log_freq),
             ("--save-freq", f"{section}.fit.save_every", self.save_freq),
         )
+
+
+@dataclass(frozen=True)
+class NoFitting:
+    """No such flags: for a part that is not fitted."""
+
+    def overrides(self, _section: str) -> list[Override]:
+        """Nothing."""
+        return []
 
 
 def inputs_of(kinds: Sequence[str]) -> type[Any]:

@@ -32,6 +32,14 @@ class Query:
     memory: Sequence[object] = ()
     failed: Sequence[Float32] = ()
 
+    def warm(self, horizon: int, action_size: int) -> Float32:
+        """The first actions left of each row's plan [B,H,A]; zeros where none are left."""
+        guess = np.zeros((len(self.start), horizon, action_size), np.float32)
+        if self.left is not None:
+            known = min(self.left.shape[1], horizon)
+            guess[:, :known] = np.clip(self.left[:, :known], -1, 1)
+        return guess
+
     def at(self, rows: Int64) -> Query:
         """The problems at `rows` [R] on their own."""
         return Query(

@@ -97,7 +97,8 @@ class CollocationPlanner(LiftedPlanner):
         config = self.config
         with np.errstate(invalid="ignore"):
             powers = np.log10((violation + 0.1 * config.tolerance) / config.tolerance)
-        return np.minimum(multipliers * (1 + config.growth * np.nan_to_num(powers)), MOST)
+        powers = np.nan_to_num(powers, posinf=MOST)
+        return np.minimum(multipliers * (1 + config.growth * powers), MOST)
 
     def _changes(
         self, problem: Problem, drafts: Drafts, found: Linearised, weights: Multipliers

@@ -149,7 +149,9 @@ class LiftedPlanner(ABC):
     def plan(self, query: Query) -> Plan:
         """One path a row: of all sequences the shortest that arrives, else the nearest."""
         dynamics, rows = Counted(self.dynamics(query.context)), len(query.start)
-        guess = self._guess(query, dynamics.action_size)
+        guess = query.warm(self.config.horizon, dynamics.action_size)
+        if not self.config.warm_start:
+            guess[:] = 0
         cost, found = PlanCost.zero(rows), []
         for b in range(rows):
             rng = generator("plan", int(query.seed[b]))
@@ -173,15 +175,6 @@ class LiftedPlanner(ABC):
     def _radius(self) -> float:
         """Within which of the goal a path arrives, in latent units."""
         return self.config.goal_steps * self.unit
-
-    def _guess(self, query: Query, action_size: int) -> Float32:
-        """What is left of each row's plan [B,H,A]; zeros where nothing is."""
-        horizon = self.config.horizon
-        guess = np.zeros((len(query.start), horizon, action_size), np.float32)
-        if self.config.warm_start and query.left is not None:
-            known = min(query.left.shape[1], horizon)
-            guess[:, :known] = np.clip(query.left[:, :known], -1, 1)
-        return guess
 
 
 def drafts(problem: Problem, guess: Float32, config: LiftedConfig) -> Drafts:

@@ -61,7 +61,7 @@ def roadmap(latents: Float32, rows: Int64, *, spacing: float, radius: float) -> 
     Args:
         latents: of the states [M,Z], in the order of the dataset.
         rows: in the dataset [M]; a state was seen to lead to the next one if its row is the next.
-        spacing: a state nearer than that to an earlier node is merged into the nearest such node.
+        spacing: a state nearer than that to earlier nodes is merged into the first of them.
         radius: within which two nodes are joined.
     """
     nodes, node_of = merged(latents, spacing)

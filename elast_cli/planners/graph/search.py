@@ -80,21 +80,23 @@ class LazySearch:
         self.verdicts = _known(self._map, query, row)
         failed = query.failed[row] if query.failed else np.empty((0, 2, 0), np.float32)
         self.failed = len(failed) > 0
-        self._open = np.ones(len(self._map.latents), np.bool_)
+        self._open, self._goal_open = np.ones(len(self._map.latents), np.bool_), True
         if self.failed:
             self._open = ~closed(self._map.latents, failed, planner.radii.failure)
+            self._goal_open = not closed(self._goal[None], failed, planner.radii.failure)[0]
 
     def path(self) -> Float32:
         """Latents [T,Z] from the start on, to the goal if there is a way, else as near as one is.
 
-        The start joins the nodes about it that pass the tests; if none does, the nearest of all.
+        The start joins the nodes about it that pass the tests; if none does, the nearest one.
         """
         if self._in_one_step():
             return np.stack([self._start, self._goal])
         joined = self._joined()
+        gaps = self._gaps(self._start)
         if not len(joined):
-            joined = np.array([self._gaps(self._start).argmin()])
-        length = self._gaps(self._start)[joined]
+            joined = np.array([np.where(self._open, gaps, np.inf).argmin()])
+        length = gaps[joined]
         before_goal = self._before_goal()
         while True:
             paths = shortest_from(self._map, self._usable(), joined, length)
@@ -113,6 +115,8 @@ class LazySearch:
 
     def _in_one_step(self) -> bool:
         """Whether an edge leads from the start to the goal."""
+        if not self._goal_open:
+            return False
         gap = np.linalg.norm(self._start - self._goal)
         return bool(
             gap <= self._map.radius and self._passes(self._start[None], self._goal[None])[0]
@@ -128,7 +132,7 @@ class LazySearch:
     def _before_goal(self) -> Int64:
         """Open nodes from which one step leads to the goal [J]."""
         near = self._map.near(self._goal)
-        near = near[self._open[near]]
+        near = near[self._open[near] & self._goal_open]
         goal = np.repeat(self._goal[None], len(near), axis=0)
         return near[self._passes(self._map.latents[near], goal)]
 
