@@ -185,7 +185,7 @@ register(
         "density",
         about="Train the transition density (noise-contrastive estimation).",
         needs="dataset context encoder",
-        needs_where_context="ensemble",  # its noise asks H_f
+        needs_where_context="ensemble",  # its noise needs H_f
     )
 )
 register(
