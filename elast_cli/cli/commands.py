@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from elast_cli.cli import completion
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, note, report, unused
 from elast_cli.cli.options import (
     MAX_SEED,
@@ -21,9 +22,7 @@ from elast_cli.cli.options import (
     Searching,
     SomeEnv,
     given,
-    growing_trees,
     inputs_of,
-    method_names,
     takes,
 )
 from elast_cli.cli.output import print_json, print_rich, print_text, show_data
@@ -95,7 +94,7 @@ def _train_command(part: Part) -> Callable[..., None]:
 
 @takes(Lineage, Running)
 def train_baseline(
-    method: Annotated[str, typer.Argument(metavar="METHOD", autocompletion=method_names)],
+    method: Annotated[str, typer.Argument(metavar="METHOD", autocompletion=completion.methods)],
     env: Env,
     lineage: Lineage,
     running: Running,
@@ -124,7 +123,8 @@ def plan(
     lineage: Lineage,
     running: Running,
     method: Annotated[
-        str, typer.Option(help="A method that grows a tree.", autocompletion=growing_trees)
+        str,
+        typer.Option(help="A method that grows a tree.", autocompletion=completion.growing_trees),
     ] = "elast",
     level: Annotated[str | None, typer.Option(help="Level; default: the hardest.")] = None,
     scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Number of the scenario.")] = 0,

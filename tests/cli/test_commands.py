@@ -11,7 +11,7 @@ import torch
 from filelock import FileLock
 
 from elast_cli.cli import app as cli
-from elast_cli.cli import options
+from elast_cli.cli import completion
 from elast_cli.envs.registry import ENVS, task_info
 from elast_cli.stages import doctor
 from tests.toys.command_line import COLLECT, fails
@@ -168,16 +168,16 @@ def test_envs_and_methods_list_what_can_be_named(capsys: pytest.CaptureFixture[s
 
 
 def test_the_shell_completes_names() -> None:
-    assert [name for name, _ in options._environments("bl")] == [
+    assert [name for name, _ in completion.environments("bl")] == [
         "block-s",
         "block-asym",
         "block-param",
     ]
-    assert "elast,cpc-cem" in options._methods("elast,cpc-")
-    assert options.method_names("knn") == ["knn-graph"]
-    assert options.growing_trees("")[:2] == ["elast", "elast-psi"]
-    assert not options.growing_trees("cpc-")
-    assert options._presets("sta") == ["standard"]
+    assert "elast,cpc-cem" in completion.lists_of_methods("elast,cpc-")
+    assert completion.methods("knn") == ["knn-graph"]
+    assert completion.growing_trees("")[:2] == ["elast", "elast-psi"]
+    assert not completion.growing_trees("cpc-")
+    assert completion.presets("sta") == ["standard"]
 
 
 @pytest.mark.parametrize(
