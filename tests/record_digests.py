@@ -5,9 +5,10 @@
 
 Make one record before a change and one after it, on the same machine: training and planning give
 other bits on another processor. The script drives elast by its command line alone and reads
-published files alone, so that it works on any commit that has the methods named below. A record holds, for each task, the columns of
-a small dataset, the tensors, curves and metrics of short trainings, the rows of short evaluations
-and the figures of plans. Wall-clock times are left out. One record takes six minutes of one core.
+published files alone, so that it works on any commit that has the methods named below. A record
+holds, for each task, the columns of a small dataset, the tensors, curves and metrics of short
+trainings, the rows of short evaluations and the figures of plans. Wall-clock times are left out.
+One record takes several minutes of one core.
 """
 
 from __future__ import annotations
