@@ -199,10 +199,12 @@ def _about(field: FieldInfo) -> str:
 
 def methods() -> Iterator[str]:
     """Every method: its parts, and what a variant changes."""
-    first = [method for method in METHODS.values() if not method.changes]
+    first: dict[tuple[str, tuple[str, ...]], Method] = {}  # by builder and parts
+    for method in METHODS.values():
+        first.setdefault((method.builder, method.parts), method)
     rows = [
-        (f"`{method.name}`", method.about, _names(method.parts), _names(method.sections))
-        for method in first
+        (f"`{method.name}`", method.about, _names(method.parts), _sections(method))
+        for method in first.values()
     ]
     yield from ("## Methods", "")
     yield from table(("method", "what it does", "learned parts", "sections"), rows)
@@ -212,13 +214,19 @@ def methods() -> Iterator[str]:
         [
             (f"`{method.name}`", method.about, _changes(method))
             for method in METHODS.values()
-            if method.changes
+            if method not in first.values()
         ],
     )
 
 
 def _names(names: Sequence[str] | Mapping[str, str]) -> str:
     return ", ".join(f"`{name}`" for name in names) or "none"
+
+
+def _sections(method: Method) -> str:
+    """The sections, and the keys of them that the method fixes."""
+    fixed = f" ({_changes(method)})" if method.changes else ""
+    return _names(method.sections) + fixed
 
 
 def _changes(method: Method) -> str:

@@ -24,6 +24,16 @@ settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def nothing_is_written_into_the_checkout(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[None]:
+    """A temporary $ELAST_HOME for tests that name none."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ELAST_HOME", str(tmp_path_factory.mktemp("elast-home")))
+        yield
+
+
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty $ELAST_HOME that is the working directory too."""

@@ -16,7 +16,10 @@ from safetensors import deserialize
 Value = str | int | float | bool | None
 Digests = dict[str, Value]
 
-KINDS = ("context", "encoder", "ensemble", "density", "policy")
+KINDS = (
+    *("context", "encoder", "ensemble", "density", "policy"),
+    *("gcbc", "pixel_gcbc", "gcidm", "gciql", "graph"),
+)
 SHOWN = 20  # differences of one group that are listed
 
 

@@ -5,9 +5,10 @@
 
 Make one record before a change and one after it, on the same machine: training and planning give
 other bits on another processor. The script drives elast by its command line alone and reads
-published files alone, so that it works on any commit. A record holds, for each task, the columns of
-a small dataset, the tensors, curves and metrics of short trainings, the rows of short evaluations
-and the figures of plans. Wall-clock times are left out. One record takes six minutes of one core.
+published files alone, so that it works on any commit that has the methods named below. A record
+holds, for each task, the columns of a small dataset, the tensors, curves and metrics of short
+trainings, the rows of short evaluations and the figures of plans. Wall-clock times are left out.
+One record takes several minutes of one core.
 """
 
 from __future__ import annotations
@@ -46,11 +47,16 @@ MOST = (
     "elast,elast-psi,elast-literal,elast-serial,elast-no-reuse,elast-no-refine,"
     "elast-psi-no-density,elast-no-rewire,elast-no-sparse,elast-no-ensemble,cpc-cem,random"
 )
+RIVALS = "cpc-gcbc,v-gcbc,cpc-gcidm,cpc-gciql,cpc-icem,cpc-mppi,cpc-coll,cpc-grad,knn-graph"
 ALL = f"{MOST},elast-no-support,elast-no-roundtrip"
 SMALL = (
     "collect.n=1500 context.fit.steps=60 context.fit.batch_size=32 encoder.fit.batch_size=64 "
     "encoder.cpc.refresh=20 encoder.fit.save_every=40 ensemble.fit.batch_size=64 "
     "density.fit.batch_size=64 policy.fit.batch_size=64"
+)
+SHORT = (
+    "gcbc.fit.steps=60 pixel_gcbc.fit.steps=20 gcidm.fit.steps=60 gciql.fit.steps=60 "
+    "graph.net.nodes=600 collocation.iterations=20 gradient.iterations=40"
 )
 NARROW = "ensemble.net.width=64 ensemble.net.depth=2 density.net.width=64 policy.net.width=64"
 
@@ -97,11 +103,13 @@ TRAININGS = (
     Training(
         "block-s", "quick", 400, 300, "elast,elast-psi,cpc-cem,random", plans=("elast", "elast-psi")
     ),
+    Training("block-s", "standard", 100, 100, RIVALS, sets=SHORT, plans=()),
     Training("block-asym", "quick", 300, 200),
     Training("block-asym", "standard", 300, 100, plans=()),
     Training("block-param", "quick", 300, 200, plans=("elast", "elast-no-rewire")),
     Training("block-param", "standard", 300, 100, plans=()),
     Training("planar-arm", "quick", 300, 100),
+    Training("planar-arm", "standard", 60, 60, RIVALS, sets=f"{SHORT} {NARROW}", plans=()),
     Training("cable", "quick", 100, 300),
     Training("cable", "standard", 60, 300, sets=NARROW, plans=()),
     Training("cable-param", "quick", 200, 200),

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from elast_cli.cli.jobs import benchmark_of, finish, job_of, report
+from elast_cli.cli import completion
+from elast_cli.cli.jobs import benchmark_of, finish, job_of, note, report, unused
 from elast_cli.cli.options import (
     MAX_SEED,
     Env,
@@ -16,6 +17,7 @@ from elast_cli.cli.options import (
     Fitting,
     Json,
     Lineage,
+    NoFitting,
     Running,
     Searching,
     SomeEnv,
@@ -63,35 +65,36 @@ def collect(
     extra = given(
         ("--max-episode-steps", "collect.episode_steps", max_episode_steps), ("--n", "collect.n", n)
     )
-    uses = ("env", "collect")
-    job = job_of(env, lineage, running, extra, uses=uses)
+    job = job_of(env, lineage, running, extra)
     if episodes is not None:
         length = int(str(job.config.plain("collect")["episode_steps"]))
         extra += given(("--episodes", "collect.n", episodes * length))
-        job = job_of(env, lineage, running, extra, uses=uses)
+        job = job_of(env, lineage, running, extra)
     from elast_cli.stages import collect as stage
 
-    finish(stage.recipe_job(job), running)
+    finish(stage.recipe_job(job), running, unused(lineage, extra, ("env", "collect")))
 
 
 def _train_command(part: Part) -> Callable[..., None]:
     """The command that trains a part; it takes refs of all that the part is made from."""
     inputs_class: Any = inputs_of(closure([part.kind])[:-1])
+    fitting_class: Any = Fitting if part.fitted else NoFitting
 
-    def train(env: Env, inputs: Any, fitting: Fitting, lineage: Lineage, running: Running) -> None:
+    def train(env: Env, inputs: Any, fitting: Any, lineage: Lineage, running: Running) -> None:
         from elast_cli.stages import train as stage
 
-        extra, uses = fitting.overrides(part.kind), ("env", part.kind)
-        job = job_of(env, lineage, running, extra, asdict(inputs), uses)
-        finish(stage.recipe_job(job, part.kind), running)
+        extra = fitting.overrides(part.kind)
+        job = job_of(env, lineage, running, extra, asdict(inputs))
+        wanted = stage.recipe_job(job, part.kind)
+        finish(wanted, running, unused(lineage, extra, ("env", part.kind)))
 
-    train.__annotations__["inputs"] = inputs_class
-    return takes(inputs_class, Fitting, Lineage, Running)(train)
+    train.__annotations__ |= {"inputs": inputs_class, "fitting": fitting_class}
+    return takes(inputs_class, fitting_class, Lineage, Running)(train)
 
 
 @takes(Lineage, Running)
 def train_baseline(
-    method: Annotated[str, typer.Argument(metavar="METHOD")],
+    method: Annotated[str, typer.Argument(metavar="METHOD", autocompletion=completion.methods)],
     env: Env,
     lineage: Lineage,
     running: Running,
@@ -102,8 +105,8 @@ def train_baseline(
     from elast_cli.stages import chain
 
     wanted = method_named(method)
-    uses = ("env", "collect", *closure(wanted.parts))
-    job = job_of(env, lineage, running, uses=uses).of_method(wanted)
+    job = job_of(env, lineage, running).of_method(wanted)
+    note(job, unused(lineage, [], ("env", "collect", *closure(wanted.parts))))
     if running.dry_run:
         rows = chain.planned_models(job, wanted.parts)
         show_chain(rows, json=running.json)
@@ -119,7 +122,10 @@ def plan(
     searching: Searching,
     lineage: Lineage,
     running: Running,
-    method: Annotated[str, typer.Option(help="A method that grows a tree.")] = "elast",
+    method: Annotated[
+        str,
+        typer.Option(help="A method that grows a tree.", autocompletion=completion.growing_trees),
+    ] = "elast",
     level: Annotated[str | None, typer.Option(help="Level; default: the hardest.")] = None,
     scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Number of the scenario.")] = 0,
     scenario_seed: Annotated[
@@ -132,10 +138,10 @@ def plan(
 
     extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
     extra += searching.overrides()
-    uses = ("env", "eval", *method_named(method).sections)
-    job = job_of(env, lineage, running, extra, asdict(inputs), uses)
+    job = job_of(env, lineage, running, extra, asdict(inputs))
     wanted = stage.recipe_job(job, method, level or job.task_info.hardest.name, scenario)
-    finish(wanted, running, stage.document)
+    uses = ("env", "eval", *method_named(method).sections)
+    finish(wanted, running, unused(lineage, extra, uses), stage.document)
 
 
 @takes(Evaluating, AllInputs, Searching, Lineage, Running)
@@ -156,11 +162,12 @@ def evaluate(
     named = {Ref.parse(text).env for text in asdict(inputs).values() if text}
     extra = [*evaluating.overrides(), *searching.overrides()]
     jobs = [
-        job_of(name, lineage, running, extra, asdict(inputs), bench.sections(make=False))
+        job_of(name, lineage, running, extra, asdict(inputs))
         for name in ([env] if env else named or names())
     ]
     jobs = stage.complete(bench.having_levels(jobs), bench)
-    report(jobs, bench, running, make=False)
+    notes = unused(lineage, extra, bench.sections(make=False))
+    report(jobs, bench, running, notes, make=False)
 
 
 @takes(Evaluating, Searching, Lineage, Running)
@@ -170,8 +177,9 @@ def run_chain(
     """Run the whole chain: data, training, evaluation. Finished artifacts are reused."""
     bench = benchmark_of(evaluating, lineage)
     extra = [*evaluating.overrides(), *searching.overrides()]
-    job = job_of(env, lineage, running, extra, uses=bench.sections(make=True))
-    report(bench.having_levels([job]), bench, running, make=True)
+    job = job_of(env, lineage, running, extra)
+    notes = unused(lineage, extra, bench.sections(make=True))
+    report(bench.having_levels([job]), bench, running, notes, make=True)
 
 
 def list_artifacts(

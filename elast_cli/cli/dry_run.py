@@ -40,7 +40,7 @@ def _line(row: Row) -> str:
 
 
 def _cost(row: Row) -> str:
-    """What an artifact would take, and what tells so."""
+    """What an artifact would take, and the source of the estimate."""
     size, memory, seconds = (row[key] for key in ("disk_bytes", "memory_bytes", "seconds"))
     return (
         f"disk {_known(size, size_text, row['disk_from'])}, memory {_known(memory, size_text)}, "

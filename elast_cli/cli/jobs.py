@@ -24,7 +24,6 @@ def job_of(
     running: Running,
     extra: Sequence[Override] = (),
     given: Mapping[str, str | None] | None = None,
-    uses: Collection[str] | None = None,
 ) -> Job:
     """The job that the flags describe.
 
@@ -34,25 +33,21 @@ def job_of(
         running: how to run.
         extra: what other flags override; they win.
         given: refs named on the command line, by kind.
-        uses: sections of the preset that have an effect; others are noted. None: all have.
     """
     from elast_cli.stages.job import Job, resolve_device
 
     _refuse_contradiction(running)
-    progress = _reporter(quiet=running.quiet)
-    config = _config(env, lineage, extra)
-    _note_unused(lineage, extra, uses, progress)
     return Job(
         store=_store(),
         env=env,
         preset=lineage.preset,
-        config=config,
+        config=_config(env, lineage, extra),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
         workers=running.workers or _cores(),
         memory_gb=running.memory,
-        progress=progress,
+        progress=_reporter(quiet=running.quiet),
         given=_refs(given or {}),
         wait=not running.no_wait,
         force=running.force,
@@ -97,15 +92,24 @@ def _refuse_contradiction(running: Running) -> None:
         raise UsageError("--resume and --fresh contradict each other; give one of them")
 
 
-def _note_unused(
-    lineage: Lineage, extra: Sequence[Override], uses: Collection[str] | None, progress: Progress
-) -> None:
-    """Note overrides of sections that a command does not use. None: it uses all."""
+def unused(lineage: Lineage, extra: Sequence[Override], uses: Collection[str]) -> list[str]:
+    """A note on each override of a section that a command does not use.
+
+    Commands print the notes once nothing is left to refuse: a refusal is one line.
+
+    Args:
+        lineage: with the texts of `--set`.
+        extra: what other flags override.
+        uses: sections of the preset that have an effect.
+    """
     by_set = [("--set", text) for text in lineage.set or []]
-    for flag, text in [*by_set, *lineage.overrides(), *extra]:
-        section = text.partition(".")[0].strip()
-        if uses is not None and section not in uses:
-            progress.note(f"{flag}: section {section!r} has no effect here ({text})")
+    given = [*by_set, *lineage.overrides(), *extra]
+    found = [(flag, text.partition(".")[0].strip(), text) for flag, text in given]
+    return [
+        f"{flag}: section {section!r} has no effect here ({text})"
+        for flag, section, text in found
+        if section not in uses
+    ]
 
 
 def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
@@ -122,12 +126,20 @@ def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
     )
 
 
-def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: bool) -> None:
+def report(
+    jobs: Sequence[Job],
+    bench: Benchmark,
+    running: Running,
+    notes: Sequence[str] = (),
+    *,
+    make: bool,
+) -> None:
     """Evaluate, print the results of all jobs together, and hold them against the bounds."""
     from elast_cli.cli.dry_run import show_chain
     from elast_cli.stages import run
 
     bench.expect(jobs)
+    note(jobs[0], notes)
     if running.dry_run:
         rows = [row for job in jobs for row in run.planned(job, bench, make=make)]
         show_chain(rows, json=running.json)
@@ -138,13 +150,23 @@ def report(jobs: Sequence[Job], bench: Benchmark, running: Running, *, make: boo
     outcome.require(bench)
 
 
+def note(job: Job, notes: Sequence[str]) -> None:
+    """Print notes on stderr, unless the command is quiet."""
+    for text in notes:
+        job.progress.note(text)
+
+
 def finish(
-    wanted: RecipeJob, running: Running, document: Callable[[Store, Ref], Any] | None = None
+    wanted: RecipeJob,
+    running: Running,
+    notes: Sequence[str] = (),
+    document: Callable[[Store, Ref], Any] | None = None,
 ) -> None:
     """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON."""
     from elast_cli.cli.dry_run import show_stage
     from elast_cli.stages import estimate, inspect
 
+    note(wanted.job, notes)
     if running.dry_run:
         show_stage(inspect.planned(wanted) | estimate.of(wanted).document(), json=running.json)
         return

@@ -15,6 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from typer import Option
 
+from elast_cli.cli import completion
 from elast_cli.models.parts import CONTEXT, DATASET
 
 MAX_SEED = 2**63 - 1
@@ -24,35 +25,13 @@ Json = Annotated[bool, Option("--json", help="One JSON document on stdout.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Print only errors on stderr.")]
 
 
-def _environments(incomplete: str) -> list[tuple[str, str]]:
-    """Environments that begin so, for the shell."""
-    from elast_cli.envs.registry import names, spec
-
-    return [(name, spec(name).about) for name in names() if name.startswith(incomplete)]
-
-
-def _methods(incomplete: str) -> list[str]:
-    """Lists of methods whose last name begins so, for the shell."""
-    from elast_cli.methods.table import METHODS
-
-    before, comma, last = incomplete.rpartition(",")
-    return [before + comma + name for name in METHODS if name.startswith(last)]
-
-
-def _presets(incomplete: str) -> list[str]:
-    """Presets that begin so, for the shell."""
-    from elast_cli.preset import names
-
-    return [name for name in names() if name.startswith(incomplete)]
-
-
 Env = Annotated[
     str,
     Option(
         "--env",
         metavar="NAME",
         help="Environment, such as block-s; `elast envs` lists them.",
-        autocompletion=_environments,
+        autocompletion=completion.environments,
     ),
 ]
 SomeEnv = Annotated[
@@ -61,7 +40,7 @@ SomeEnv = Annotated[
         "--env",
         metavar="NAME",
         help="One environment; default: all that fit.",
-        autocompletion=_environments,
+        autocompletion=completion.environments,
     ),
 ]
 
@@ -92,7 +71,7 @@ class Lineage:
         Option(
             metavar="NAME",
             help="quick, standard, paper, or one in ./configs.",
-            autocompletion=_presets,
+            autocompletion=completion.presets,
         ),
     ] = "standard"
     set: Annotated[
@@ -162,6 +141,15 @@ class Fitting:
         )
 
 
+@dataclass(frozen=True)
+class NoFitting:
+    """No such flags: for a part that is not fitted."""
+
+    def overrides(self, _section: str) -> list[Override]:
+        """Nothing."""
+        return []
+
+
 def inputs_of(kinds: Sequence[str]) -> type[Any]:
     """A record of refs, one flag a kind of artifact: `--dataset`, `--encoder`, ..."""
 
@@ -186,7 +174,7 @@ class Evaluating:
         Option(
             metavar="A,B",
             help="Methods, separated by commas; `elast methods` lists them.",
-            autocompletion=_methods,
+            autocompletion=completion.lists_of_methods,
         ),
     ] = "elast,cpc-cem,random"
     level: Annotated[

@@ -34,7 +34,7 @@ class Trace:
         steps: steps until first success; None without success.
         held: within the radius at the end of the budget too.
         length: T, steps until first success or the end of the budget.
-        frames: every frame u8 [T+1,64,64,3] if it was asked for.
+        frames: every frame u8 [T+1,64,64,3] if requested.
         states: true states [T+1,S], for people.
         goal: the goal's frame u8 [64,64,3].
         log: of the planning of all episodes that ran side by side.

@@ -31,7 +31,7 @@ class Aiming:
 
 @dataclass(frozen=True)
 class Reactive:
-    """A policy that is asked at every step for the next action towards the goal itself."""
+    """Calls a policy at every step for the next action towards the goal."""
 
     estimator: Estimator[Any]
     contexts: ContextReader

@@ -116,7 +116,7 @@ class Replan:
         still = running & (np.linalg.norm(z - state.z, axis=1) <= self.stall_distance)
         state = replace(state, stalled=np.where(still, state.stalled + 1, 0))
         failed = list(state.failed)
-        resting = (route.aim == state.goal).all(1)  # at the end of its path, and not in vain
+        resting = (route.aim == state.goal).all(1)  # at the end of its path: no failure
         for b in np.flatnonzero(self._stuck(state) & ~resting):
             attempt = np.stack([z[b], route.aim[b]])
             failed[b] = np.concatenate([failed[b], attempt[None]])

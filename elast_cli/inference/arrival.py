@@ -1,4 +1,4 @@
-"""When inverse dynamics over several steps is asked to arrive at the goal."""
+"""How many steps to the goal inverse dynamics over several steps is given."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from elast_cli.shapes import Float32, Int64
 
 
 class ArrivalConfig(StrictModel):
-    """How many steps `cpc-gcidm` is told that it has left, at every step anew.
+    """The number of steps left, an input of `cpc-gcidm` that is set again at every step.
 
-    With `distance`, it is the length of the straight way in latent space, in median steps of the
-    data, times `pace`. The action then leads to the goal as fast as the data move. A larger `pace`
-    is slower, and closer to what random data do. With `longest`, it is always the most steps that
-    the model was trained on: the action is the mean over slow ways, nearly that of cloning.
+    With `distance`, it is the latent distance to the goal in median steps of the data, times
+    `pace`. The action then leads to the goal as fast as the data move. A larger `pace` is slower,
+    and closer to random data. With `longest`, it is always `gcidm.net.longest`: the action is the
+    mean over slow ways, close to cloning.
     """
 
-    rule: Literal["distance", "longest"] = "distance"
+    rule: Literal["distance", "longest"] = Field(default="distance", description="for steps left")
     pace: float = Field(default=1.0, gt=0, description="steps per median step of distance")
 
 

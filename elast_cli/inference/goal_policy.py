@@ -31,7 +31,7 @@ class GoalPolicyCall:
 
 @dataclass(frozen=True)
 class ArrivingCall:
-    """Inverse dynamics over several steps as a policy: it is told how many steps are left.
+    """Inverse dynamics over several steps as a policy, given the number of steps left.
 
     Attributes:
         model: from z, z_g and (1/h, c) to actions.

@@ -6,11 +6,10 @@ from typing import Any
 
 from elast_cli.control.base import ControlConfig, Controller
 from elast_cli.control.followers import PlayActions
-from elast_cli.control.replan import Replan
 from elast_cli.envs.registry import task_info
 from elast_cli.inference.rollout import CemRollout
 from elast_cli.methods.loading import Models
-from elast_cli.methods.sight import contexts, frame_encoder
+from elast_cli.methods.replanning import replanning
 from elast_cli.methods.thresholds import step_length
 from elast_cli.models.encoder.cpc import Representation
 from elast_cli.planners.cem import CemConfig, CemPlanner
@@ -46,14 +45,6 @@ def _controller(section: str, models: Models, preset: Preset, env: str) -> Contr
     config = preset.section(section, config_class)
     control = preset.section("control", ControlConfig)
     encoder = models.part("encoder", Representation)
-    median = step_length(models, 0.5)
     rollout = CemRollout(encoder.dynamics, task_info(env, preset.env).action_size)
-    return Replan(
-        estimator=frame_encoder(models),
-        contexts=contexts(models),
-        planner=planner_class(rollout, config, config.goal_steps * median),
-        follower=PlayActions(),
-        every=config.replan_every,
-        patience=control.patience,
-        stall_distance=control.stall_steps * median,
-    )
+    planner = planner_class(rollout, config, config.goal_steps * step_length(models, 0.5))
+    return replanning(models, planner, PlayActions(), control, every=config.replan_every)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from elast_cli.control.base import ControlConfig, Controller
-from elast_cli.control.followers import PlayActions, TrackStates
-from elast_cli.control.replan import Replan
-from elast_cli.inference.latent_world import LatentWorld, PolicyCall
+from elast_cli.control.followers import PlayActions
 from elast_cli.methods.loading import Models
-from elast_cli.methods.sight import contexts, frame_encoder
+from elast_cli.methods.replanning import latent_world, replanning, tracking
 from elast_cli.methods.thresholds import limits, radii, step_length
 from elast_cli.models.tensors import under
 from elast_cli.planners.refined_tree import ShootingPlanner
@@ -21,16 +19,9 @@ from elast_cli.preset import Preset
 def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """The controller of ELAST and of its variants."""
     control = preset.section("control", ControlConfig)
-    tracking = TrackStates(PolicyCall(models.stored("policy"), models.device), control.lookahead)
-    return Replan(
-        estimator=frame_encoder(models),
-        contexts=contexts(models),
-        planner=planner(models, preset.section("planner", TreeConfig)),
-        follower=PlayActions() if control.follow == "actions" else tracking,
-        every=control.replan_every,
-        patience=control.patience,
-        stall_distance=control.stall_steps * step_length(models, 0.5),
-    )
+    plans = planner(models, preset.section("planner", TreeConfig))
+    follower = PlayActions() if control.follow == "actions" else tracking(models, control)
+    return replanning(models, plans, follower, control, every=control.replan_every)
 
 
 def planner(models: Models, config: TreeConfig) -> ElastPlanner | ShootingPlanner:
@@ -49,11 +40,5 @@ def planner(models: Models, config: TreeConfig) -> ElastPlanner | ShootingPlanne
 def tree_planner(models: Models, config: TreeConfig) -> ElastPlanner:
     """The part of the planner that grows trees."""
     forward_model = under(models.stored("encoder").arrays, "dynamics.net")
-    world = LatentWorld(
-        ensemble=models.stored("ensemble"),
-        density=models.stored("density"),
-        policy=models.stored("policy"),
-        forward_model=None if config.use_ensemble else forward_model,
-        device=models.device,
-    )
+    world = latent_world(models, None if config.use_ensemble else forward_model)
     return ElastPlanner(world.at, config, limits(models, config), radii(models, config))

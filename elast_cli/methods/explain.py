@@ -47,7 +47,7 @@ def explain_plan(
     """Make the first plan of an episode, for one query row, and account for every edge of it.
 
     Where shooting refines the paths of the tree, the plan is the refined path, as it is played.
-    `distance` of two true states, where the environment knows one, tells jumps from true steps.
+    `distance` of two true states, where the environment has one, separates jumps from true steps.
     """
     whole = planner(models, config)
     trees = whole.tree if isinstance(whole, ShootingPlanner) else whole

@@ -10,14 +10,14 @@ from elast_cli.control.reactive import Reactive
 from elast_cli.inference.arrival import ArrivalConfig
 from elast_cli.methods.loading import Models
 from elast_cli.methods.sight import contexts, frame_encoder
-from elast_cli.methods.thresholds import step_length
+from elast_cli.methods.thresholds import median_step
 from elast_cli.preset import Preset
 
 Parts = tuple[Estimator[Any], GoalControl]  # what the method sees, and the policy
 
 
 def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
-    """The policy that is among the method's parts, asked at every step."""
+    """The policy among the method's parts, called at every step."""
     kind = next(kind for kind in _POLICIES if kind in models.folders)
     estimator, policy = _POLICIES[kind](models, preset, kind)
     return Reactive(estimator, contexts(models), policy)
@@ -31,14 +31,14 @@ def _on_latents(models: Models, _preset: Preset, kind: str) -> Parts:
 
 
 def _arriving(models: Models, preset: Preset, kind: str) -> Parts:
-    """Inverse dynamics on φ's latents, told when to arrive."""
+    """Inverse dynamics on φ's latents, given the number of steps left."""
     from elast_cli.inference.goal_policy import ArrivingCall, GoalPolicyCall
 
     stored = models.stored(kind)
     policy = ArrivingCall(
         model=GoalPolicyCall(stored, models.device),
         config=preset.section("arrival", ArrivalConfig),
-        step=step_length(models, 0.5),
+        step=median_step(models),
         longest=stored.spec.net.longest,
     )
     return frame_encoder(models), policy

@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from elast_cli.control.base import ControlConfig, Controller
-from elast_cli.control.followers import TrackStates
-from elast_cli.control.replan import Replan
-from elast_cli.inference.latent_world import LatentWorld, PolicyCall
 from elast_cli.methods.loading import Models
-from elast_cli.methods.sight import contexts, frame_encoder
+from elast_cli.methods.replanning import latent_world, replanning, tracking
 from elast_cli.methods.thresholds import limits, radii, step_length
 from elast_cli.planners.graph.config import GraphSearchConfig
 from elast_cli.planners.graph.roadmap import Roadmap, roadmap
@@ -17,34 +14,23 @@ from elast_cli.planners.graph.search import GraphPlanner
 from elast_cli.planners.tree.config import ReuseConfig, RewireConfig, TreeConfig
 from elast_cli.preset import Preset
 
+NEIGHBOR = "graph_search.neighbor_quantile"
+
 
 def build(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """The controller: like ELAST's, with a map in place of trees."""
     config = preset.section("graph_search", GraphSearchConfig)
     control = preset.section("control", ControlConfig)
-    world = LatentWorld(
-        ensemble=models.stored("ensemble"),
-        density=models.stored("density"),
-        policy=models.stored("policy"),
-        device=models.device,
-    )
     as_tree = _as_tree(config)
     planner = GraphPlanner(
-        world=world.at,
+        world=latent_world(models).at,
         roadmap=map_of(models, config),
         limits=limits(models, as_tree),
-        radii=radii(models, as_tree),
+        radii=radii(models, as_tree, NEIGHBOR),
         edge_tests=config.edge_tests,
     )
-    return Replan(
-        estimator=frame_encoder(models),
-        contexts=contexts(models),
-        planner=planner,
-        follower=TrackStates(PolicyCall(models.stored("policy"), models.device), control.lookahead),
-        every=control.replan_every,
-        patience=control.patience,
-        stall_distance=control.stall_steps * step_length(models, 0.5),
-    )
+    every = control.replan_every
+    return replanning(models, planner, tracking(models, control), control, every=every)
 
 
 def map_of(models: Models, config: GraphSearchConfig) -> Roadmap:
@@ -54,15 +40,15 @@ def map_of(models: Models, config: GraphSearchConfig) -> Roadmap:
         arrays["latents"],
         arrays["rows"],
         spacing=config.spacing_steps * step_length(models, 0.5),
-        radius=radii(models, _as_tree(config)).neighbor,
+        radius=radii(models, _as_tree(config), NEIGHBOR).neighbor,
     )
 
 
 def _as_tree(config: GraphSearchConfig) -> TreeConfig:
-    """The tree search with the same thresholds and radii."""
+    """The tree search with the same thresholds and radii, less the support test."""
     return TreeConfig(
         goal_steps=config.goal_steps,
-        tests=config.tests,
+        tests=config.tests.model_copy(update={"support_quantile": None}),
         rewire=RewireConfig(neighbor_quantile=config.neighbor_quantile),
         reuse=ReuseConfig(failure_steps=config.failure_steps),
     )

@@ -6,11 +6,10 @@ from typing import Any
 
 from elast_cli.control.base import ControlConfig, Controller
 from elast_cli.control.followers import PlayActions
-from elast_cli.control.replan import Replan
 from elast_cli.inference.forward_dynamics import ForwardDynamics
 from elast_cli.methods.loading import Models
-from elast_cli.methods.sight import contexts, frame_encoder
-from elast_cli.methods.thresholds import step_length
+from elast_cli.methods.replanning import replanning
+from elast_cli.methods.thresholds import median_step
 from elast_cli.models.tensors import under
 from elast_cli.planners.base import DynamicsOf
 from elast_cli.planners.collocation import CollocationConfig, CollocationPlanner
@@ -22,14 +21,14 @@ from elast_cli.preset import Preset
 def build_collocation(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """CPC-Coll: plans of actions, played open loop until the next plan."""
     config = preset.section("collocation", CollocationConfig)
-    planner = CollocationPlanner(forward_dynamics(models), config, step_length(models, 0.5))
+    planner = CollocationPlanner(forward_dynamics(models), config, median_step(models))
     return _controller(planner, models, preset)
 
 
 def build_gradient(models: Models, preset: Preset, _env: str, _rows: int) -> Controller[Any]:
     """The same by Adam."""
     config = preset.section("gradient", GradientConfig)
-    planner = GradientPlanner(forward_dynamics(models), config, step_length(models, 0.5))
+    planner = GradientPlanner(forward_dynamics(models), config, median_step(models))
     return _controller(planner, models, preset)
 
 
@@ -42,12 +41,5 @@ def forward_dynamics(models: Models) -> DynamicsOf:
 
 def _controller(planner: LiftedPlanner, models: Models, preset: Preset) -> Controller[Any]:
     control = preset.section("control", ControlConfig)
-    return Replan(
-        estimator=frame_encoder(models),
-        contexts=contexts(models),
-        planner=planner,
-        follower=PlayActions(),
-        every=planner.config.replan_every,
-        patience=control.patience,
-        stall_distance=control.stall_steps * planner.unit,
-    )
+    every = planner.config.replan_every
+    return replanning(models, planner, PlayActions(), control, every=every)

@@ -18,9 +18,9 @@ M = TypeVar("M", bound="nn.Module")
 
 
 class Models:
-    """Trained parts by kind, each read when it is first asked for.
+    """Trained parts by kind, each read on first use.
 
-    Asking for a part as a torch module imports torch, which takes longer than planning.
+    A part as a torch module imports torch, which takes longer than planning.
     """
 
     def __init__(self, folders: Mapping[str, Path], device: str, threads: int = 1) -> None:

@@ -199,7 +199,7 @@ for _word, _section, _about in (
 register(
     Method(
         name="knn-graph",
-        about="shortest paths on a map of the data, with all tests",
+        about="shortest paths on a map of the data",
         parts=("context", "encoder", "ensemble", "density", "policy", "graph"),
         sections={"graph_search": "elast_cli.planners.graph.config:GraphSearchConfig"} | CONTROL,
         builder="elast_cli.methods.graph:build",

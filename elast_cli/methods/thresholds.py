@@ -11,6 +11,7 @@ from elast_cli.planners.base import Limits, Radii
 from elast_cli.planners.tree.config import TreeConfig
 
 LONGEST_MARGIN = 1.05  # over the longest observed step: no step is thought to be longer
+NEIGHBOR = "planner.rewire.neighbor_quantile"
 
 
 def limits(models: Models, config: TreeConfig) -> Limits:
@@ -25,7 +26,7 @@ def limits(models: Models, config: TreeConfig) -> Limits:
 
     tests, off = config.tests, np.inf
     support = at("ensemble", "support.distance_quantiles", tests.support_quantile, off)
-    of, key = "distances to the support", "tests.support_quantile"
+    of, key = "distances to the support", "planner.tests.support_quantile"
     _check_length(support, of, key, tests.support_quantile, "train-ensemble")
     return Limits(
         at("density", "log_density_quantiles", tests.density_quantile, -off),
@@ -35,8 +36,13 @@ def limits(models: Models, config: TreeConfig) -> Limits:
     )
 
 
-def radii(models: Models, config: TreeConfig) -> Radii:
+def radii(models: Models, config: TreeConfig, key: str = NEIGHBOR) -> Radii:
     """Radii in latent units, from the lengths of observed steps.
+
+    Args:
+        models: with the encoder's table of lengths.
+        config: of the search.
+        key: of r_neigh's quantile in a preset, for errors.
 
     Raises:
         DataError: steps have no length.
@@ -46,8 +52,7 @@ def radii(models: Models, config: TreeConfig) -> Radii:
     crowding = np.inf if steps is None else steps * median
     share = config.rewire.neighbor_quantile
     neighbor = step_length(models, share)
-    of, key = "lengths of observed steps", "rewire.neighbor_quantile"
-    _check_length(neighbor, of, key, share, "train-encoder")
+    _check_length(neighbor, "lengths of observed steps", key, share, "train-encoder")
     return Radii(
         neighbor=neighbor,
         goal=config.goal_steps * median,
@@ -56,6 +61,21 @@ def radii(models: Models, config: TreeConfig) -> Radii:
         duplicate=config.duplicate_steps * median,
         longest=LONGEST_MARGIN * step_length(models, 1.0),
     )
+
+
+def median_step(models: Models) -> float:
+    """Length of a median step, for methods that measure in it.
+
+    Raises:
+        DataError: it is zero.
+    """
+    median = step_length(models, 0.5)
+    if not median > 0:
+        raise DataError(
+            "half of the observed steps have the length 0, so that no length can be measured in "
+            "median steps; train on other data: elast train-encoder"
+        )
+    return median
 
 
 def step_length(models: Models, share: float) -> float:
@@ -84,5 +104,5 @@ def _check_length(length: float, of: str, key: str, share: float | None, maker: 
     if not length > 0:
         raise DataError(
             f"the {share:g} quantile of the {of} is {length:g}, which no search can use; raise "
-            f"it by --set planner.{key}=..., or train on other data: elast {maker}"
+            f"it by --set {key}=..., or train on other data: elast {maker}"
         )

@@ -1,4 +1,4 @@
-"""What a part is trained on: the dataset and the parts made before, loaded when asked for."""
+"""What a part is trained on: the dataset and the parts made before, loaded on first use."""
 
 from __future__ import annotations
 

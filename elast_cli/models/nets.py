@@ -65,9 +65,9 @@ def mlp(sizes: Sequence[int]) -> nn.Sequential:
 class PooledImages(nn.Module):
     """Images average-pooled to S x S, less their mean image, in units of one global scale.
 
-    Or in whitened colours: combinations of red, green and blue that vary alike and independently.
-    Most of the variance of images is brightness (85 % on the cable); which part of a thing lies
-    where is told by hues, and these are faint.
+    Or in whitened colours: combinations of red, green and blue that are uncorrelated and have equal
+    variance. Most of the variance of images is brightness (85 % on the cable). Hues, which are
+    faint, show which part of an object lies where.
     """
 
     mean: Tensor

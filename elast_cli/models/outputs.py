@@ -40,7 +40,7 @@ class Outputs:
     ) -> Float32:
         """What `net`, of the shape `config`, makes of the dataset: `make()`, or what it was.
 
-        `of` tells apart what one network makes of different views of the dataset.
+        `of` names the view of the dataset, where one network has outputs for several.
         """
         device = next(net.parameters()).device
         key: JsonDict = {

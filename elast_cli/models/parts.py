@@ -31,10 +31,11 @@ class Part:
         kind: the kind of its artifacts and its section: small letters, digits and underscores.
         about: one line for `--help`.
         needs: kinds that it is trained on, `dataset` among them.
-        needs_where_context: further ones where episodes differ in their context.
         section_class: its section of presets, a `PartSection`; imports no torch.
         spec_class: a StrictModel with `build`, see `ModelSpec`; imports no torch.
         trainer: called as trainer(inputs, section, setting), returns a `Trained`.
+        needs_where_context: further ones where episodes differ in their context.
+        fitted: whether its section is a `Section`, with `fit`; else it has no gradient steps.
     """
 
     kind: str
@@ -44,6 +45,7 @@ class Part:
     spec_class: str
     trainer: str
     needs_where_context: tuple[str, ...] = ()
+    fitted: bool = True
 
     @property
     def section(self) -> type[PartSection]:
@@ -135,7 +137,13 @@ def imported(name: str) -> Any:
 
 
 def _row(
-    kind: str, about: str, needs: str, needs_where_context: str = "", *, within: str = "models"
+    kind: str,
+    about: str,
+    needs: str,
+    needs_where_context: str = "",
+    *,
+    within: str = "models",
+    fitted: bool = True,
 ) -> Part:
     """A row of elast's own, whose folder `within` another is called like its kind."""
     here, name = f"elast_cli.{within}.{kind}", kind.title().replace("_", "")
@@ -147,6 +155,7 @@ def _row(
         section_class=f"{here}.config:{name}Section",
         spec_class=f"{here}.config:{name}Spec",
         trainer=f"{here}.training:train",
+        fitted=fitted,
     )
 
 
@@ -176,7 +185,7 @@ register(
         "density",
         about="Train the transition density (noise-contrastive estimation).",
         needs="dataset context encoder",
-        needs_where_context="ensemble",  # its noise asks H_f
+        needs_where_context="ensemble",  # its noise needs H_f
     )
 )
 register(
@@ -198,5 +207,6 @@ register(
         "graph",
         about="Choose training states as the nodes of a graph; nothing is fitted.",
         needs="dataset context encoder",
+        fitted=False,
     )
 )

@@ -21,7 +21,7 @@ class Query:
         seed: [B].
         left: actions [B,H,A] not yet played of the plans before, zero where there are none.
         memory: what the planner kept of each row's plan before [B]; None where there is none.
-        failed: transitions [M,2,Z] of each row [B] that execution tried in vain.
+        failed: transitions [M,2,Z] of each row [B] that failed in execution.
     """
 
     start: Float32
@@ -31,6 +31,14 @@ class Query:
     left: Float32 | None = None
     memory: Sequence[object] = ()
     failed: Sequence[Float32] = ()
+
+    def warm(self, horizon: int, action_size: int) -> Float32:
+        """The first actions left of each row's plan [B,H,A]; zeros where none are left."""
+        guess = np.zeros((len(self.start), horizon, action_size), np.float32)
+        if self.left is not None:
+            known = min(self.left.shape[1], horizon)
+            guess[:, :known] = np.clip(self.left[:, :known], -1, 1)
+        return guess
 
     def at(self, rows: Int64) -> Query:
         """The problems at `rows` [R] on their own."""
@@ -86,7 +94,7 @@ class Plan:
         length: number of states in each path [B].
         reached: whether the path ends within the goal radius [B].
         cost: network calls of each row.
-        memory: what the planner would like to see again when it replans [B], or nothing.
+        memory: what the planner gets back when it replans [B], or nothing.
         blocked: rows whose path does not arrive, and whose failed transitions closed places.
     """
 
@@ -197,7 +205,7 @@ class Radii:
         neighbor: r_neigh, within which nodes are rewired.
         goal: r_goal, within which a path counts as having reached the goal.
         crowding: within which nodes count as crowding each other; at most `neighbor`.
-        failure: how far about a way that failed no path may lead; 0 closes hardly more than it.
+        failure: radius of the closed region about a failed transition; 0 closes its line alone.
         duplicate: a new node nearer than this to one that is no costlier is dropped; 0 drops none.
         longest: what a step covers at most, for lower bounds of a path's cost; where a step can
             be longer, these are estimates.

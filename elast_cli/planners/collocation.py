@@ -1,9 +1,9 @@
 """Collocation by Gauss-Newton: latents and actions found together (as LatCo, Rybkin et al. 2021).
 
-The least squares problem holds the distance to the goal and, weighted by multipliers, what a path
-violates: the dynamics of each step, and the bounds of each action. Multipliers grow as long as
-their constraint is violated, so that early on a path may pass where none is, and later may not.
-Unknowns of one step meet those of the next one only. So the normal equations are a band.
+The least squares problem has the distance to the goal and, weighted by multipliers, the violations
+of the dynamics and of the action bounds. A multiplier grows while its constraint is violated. So
+early paths may pass through obstacles, and later ones may not. Unknowns of one step are coupled to
+those of the next step only, so the normal equations are banded.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from pydantic import Field
 from elast_cli.planners.lifted import Drafts, LiftedConfig, LiftedPlanner, Problem
 from elast_cli.shapes import Bool, Float64
 
-SETTLED = 1e-3  # the largest change, in steps and actions, after which a path is left as it is
+SETTLED = 1e-3  # a path is finished when its largest change, in steps and actions, is smaller
 MOST = 1e12  # of a multiplier: beyond it the equations lose their digits
 
 
 class CollocationConfig(LiftedConfig):
-    """The search; defaults of its own keys are LatCo's. Violations are squares, in median steps."""
+    """The search. The last five defaults are LatCo's. Violations are squared, in median steps."""
 
     damping: float = Field(default=1e-3, gt=0)
-    tolerance: float = Field(default=1e-4, gt=0, description="ε: a violation that is none")
+    tolerance: float = Field(default=1e-4, gt=0, description="ε: what counts as no violation")
     first_multiplier: float = Field(default=1.0, gt=0, description="λ of every constraint")
-    growth: float = Field(default=0.1, ge=0, lt=1, description="of λ, by powers of ten of ε")
+    growth: float = Field(default=0.1, ge=0, lt=1, description="of λ, per power of ten above ε")
     start_weight: float = Field(default=1000.0, gt=0, description="of the first latent")
 
 
@@ -97,7 +97,8 @@ class CollocationPlanner(LiftedPlanner):
         config = self.config
         with np.errstate(invalid="ignore"):
             powers = np.log10((violation + 0.1 * config.tolerance) / config.tolerance)
-        return np.minimum(multipliers * (1 + config.growth * np.nan_to_num(powers)), MOST)
+        powers = np.nan_to_num(powers, posinf=MOST)
+        return np.minimum(multipliers * (1 + config.growth * powers), MOST)
 
     def _changes(
         self, problem: Problem, drafts: Drafts, found: Linearised, weights: Multipliers

@@ -1,9 +1,9 @@
 """First-order lifted planning: Adam on all latents and actions of several drafts at once.
 
-The objective is the squared distance to the goal plus a penalty on gaps between where the dynamics
-lead and where a path goes on. Every few iterations the actions as they are become candidates. This
-is how gradient planners relax the dynamics (as GRASP, Psenka et al. 2026), without their noise: it
-made paths longer, and drafts explore with random actions already.
+The objective is the squared distance to the goal plus a penalty on gaps between the predicted and
+the next latent of each step. Every few iterations the current actions become candidates. This
+follows GRASP (Psenka et al. 2026), but without noise: noise made paths longer, and the drafts
+already explore with random actions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOMENTS, TINY = (0.9, 0.999), 1e-8  # of Adam (Kingma and Ba 2015)
 class GradientConfig(LiftedConfig):
     """The search. Gaps and the learning rate are in median steps."""
 
-    iterations: int = Field(default=300, ge=1)
+    iterations: int = Field(default=300, ge=1, description="of one plan")
     learning_rate: float = Field(default=0.2, gt=0, le=1)
     gap_weight: float = Field(default=30.0, gt=0, description="of the penalty, beside the goal's 1")
     try_every: int = Field(default=50, ge=1, description="iterations between candidates")

@@ -1,9 +1,9 @@
 """Lifted planning: the latents of a path are unknowns like its actions, and may break the dynamics.
 
-Shooting changes actions alone, so a small change early on moves the whole rest of the path. Here
-every latent is moved for itself, and an optimiser closes the gaps between where the dynamics lead
-and where the path goes on. Several drafts of a path are optimised side by side. What counts at last
-are the actions: they are rolled out, and the path that this gives is the plan.
+Shooting changes actions alone, so a small early change moves the whole rest of the path. Here the
+latents are unknowns, too. An optimiser closes the gaps between the predicted and the next latent of
+each step. Several drafts of a path are optimised side by side. At the end their actions are rolled
+out, and the best rollout is the plan.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from elast_cli.planners.shooting import NEARER, roll
 from elast_cli.seeding import generator
 from elast_cli.shapes import Bool, Float32, Float64, Int64
 
-STILL = 2  # drafts that do not begin with random actions: what is left of the plan, and a line
+STILL = 2  # drafts without random actions: the actions left, and a straight line
 LONGEST = 2.0  # median steps that a step covers at most, roughly
 
 
 class LiftedConfig(StrictModel):
-    """What such a planner needs to know.
+    """Configuration of the search.
 
-    The cost is the squared distance to the goal, in median steps, summed from the step on at which
-    a draft is to arrive. That is the last one (`terminal`), the first one (`summed`), or another
-    one for each draft (`spread`). A path within `goal_steps` of the goal arrives.
+    The cost is the squared distance to the goal, in median steps, summed from a draft's step of
+    arrival on. That is the last step (`terminal`), the first (`summed`), or a different one for
+    each draft (`spread`). A path arrives if it ends within `goal_steps` of the goal.
     """
 
-    horizon: int = Field(default=40, ge=1)
+    horizon: int = Field(default=40, ge=1, description="actions of a path")
     starts: int = Field(default=8, ge=1, description="drafts that are optimised side by side")
-    iterations: int = Field(default=200, ge=1)
+    iterations: int = Field(default=200, ge=1, description="most of one plan")
     cost: Literal["spread", "terminal", "summed"] = "spread"
-    replan_every: int = Field(default=20, ge=1)
-    goal_steps: float = Field(default=1.0, gt=0)
-    warm_start: bool = Field(default=True, description="of a draft, by the actions left")
+    replan_every: int = Field(default=20, ge=1, description="steps between two plans")
+    goal_steps: float = Field(default=1.0, gt=0, description="a path this near has arrived")
+    warm_start: bool = Field(default=True, description="one draft from the actions left")
     std: float = Field(default=0.7, gt=0, description="of random actions of the other drafts")
-    noise_correlation: float = Field(default=0.9, ge=0, lt=1)  # of an action with the next
+    noise_correlation: float = Field(default=0.9, ge=0, lt=1, description="of successive actions")
 
 
 class Counted:
@@ -149,7 +149,9 @@ class LiftedPlanner(ABC):
     def plan(self, query: Query) -> Plan:
         """One path a row: of all sequences the shortest that arrives, else the nearest."""
         dynamics, rows = Counted(self.dynamics(query.context)), len(query.start)
-        guess = self._guess(query, dynamics.action_size)
+        guess = query.warm(self.config.horizon, dynamics.action_size)
+        if not self.config.warm_start:
+            guess[:] = 0
         cost, found = PlanCost.zero(rows), []
         for b in range(rows):
             rng = generator("plan", int(query.seed[b]))
@@ -174,22 +176,13 @@ class LiftedPlanner(ABC):
         """Within which of the goal a path arrives, in latent units."""
         return self.config.goal_steps * self.unit
 
-    def _guess(self, query: Query, action_size: int) -> Float32:
-        """What is left of each row's plan [B,H,A]; zeros where nothing is."""
-        horizon = self.config.horizon
-        guess = np.zeros((len(query.start), horizon, action_size), np.float32)
-        if self.config.warm_start and query.left is not None:
-            known = min(query.left.shape[1], horizon)
-            guess[:, :known] = np.clip(query.left[:, :known], -1, 1)
-        return guess
-
 
 def drafts(problem: Problem, guess: Float32, config: LiftedConfig) -> Drafts:
     """Paths that begin at the start, end at the goal, and break the dynamics evenly.
 
-    Each is a rollout bent to the goal, a little more at every step until it is to arrive. The first
-    is that of the guess [H,A], the second is a straight line with actions of 0, all others have
-    random actions.
+    Each is a rollout bent to the goal, evenly over the steps up to its arrival. The first is the
+    rollout of the guess [H,A], the second a straight line with actions of 0. All others have random
+    actions.
     """
     shape = config.starts, *guess.shape
     arrival = arrivals(problem, guess, config)
@@ -209,8 +202,8 @@ def drafts(problem: Problem, guess: Float32, config: LiftedConfig) -> Drafts:
 def arrivals(problem: Problem, guess: Float32, config: LiftedConfig) -> Int64:
     """The step at which each draft is to arrive [S].
 
-    Spread out, the guess arrives when its actions end, and the others between the fewest steps that
-    may do, each twice a median one, and the horizon.
+    With `spread`, the guess arrives when its actions end. The others arrive at even distances
+    between the fewest possible steps, each of twice the median length, and the horizon.
     """
     last = config.horizon
     if config.cost != "spread":
@@ -244,9 +237,10 @@ def _best(
 ) -> tuple[Float32, Float32, int]:
     """Of paths [K,H+1,Z] under actions [K,H,A] the best one, and after how many steps it ends.
 
-    A path ends where it is nearest to the goal. The shortest that arrives is the best, else the
-    one that ends nearest; if all have overflown, one that stays. A path arrives within the radius,
-    and nearer to the goal than the start by a fifth: else a start near the goal would stay there.
+    A path ends where it is nearest to the goal. The best path is the shortest that arrives, else
+    the one that ends nearest. If all overflow, it stays at the start. A path arrives if it ends
+    within the radius, and a fifth nearer to the goal than the start. Without the latter, a start
+    near the goal would stay there.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         gap = np.linalg.norm(paths.astype(np.float64) - problem.goal, axis=2)

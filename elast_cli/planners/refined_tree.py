@@ -23,18 +23,17 @@ AWAY = 4  # steps that π leads where no tree can grow
 class ShootingPlanner:
     """Trees for the way, shooting for its end.
 
-    What is left of the plan before is refined first. While it still leads to the goal, it is kept,
-    and no tree is grown. Otherwise a tree is grown. Its paths to the nodes nearest to the goal,
-    each of another length, and what is left are all refined. The shortest that arrives is taken.
+    The rest of the previous plan is refined first. While it leads to the goal, it is kept, and no
+    tree is grown. Otherwise a tree is grown. Its paths to the nodes nearest to the goal, each of
+    another length, are refined, and so is the rest. The shortest path that arrives is taken.
 
-    A path ought to end within `goal` of the goal, and nearer to it than the start by a fifth. A row
-    that is at the goal by all that latents tell, and yet has to plan, must come nearer, or back off
-    and try again.
+    A path arrives if it ends within `goal` of the goal, and a fifth nearer to it than the start. If
+    the agent is near the goal without success, it must come nearer, or back off and try again.
 
     Attributes:
         tree: grows the trees.
         unit: length of a median step, in latent units.
-        goal: how near to the goal a path ought to end, in latent units.
+        goal: how near to the goal a path that arrives ends, in latent units.
         kept: how near what is left of a plan must end to be kept; no less than `goal`.
     """
 
@@ -100,9 +99,9 @@ class ShootingPlanner:
     def _lead_away(
         self, world: World, query: Query, paths: list[Shot], due: Int64, cost: PlanCost
     ) -> None:
-        """Let π lead rows whose tree could not leave its root: what they are at, no test allows.
+        """Let π lead rows whose tree could not leave its root, because the tests reject all edges.
 
-        Where a robot is, it must be able to go on from, whatever the models think of the place.
+        The agent is at this state, so it must be able to leave it.
         """
         rows = np.array([b for b in due if not len(paths[b].actions)], np.int64)
         if not len(rows):

@@ -90,10 +90,9 @@ class SamplingPlanner(ABC):
         import torch
 
         config, rows = self.config, len(query.start)
-        guess = np.zeros((rows, config.horizon, self.rollout.action_size), np.float32)
-        if config.warm_start and query.left is not None:
-            known = min(query.left.shape[1], config.horizon)
-            guess[:, :known] = query.left[:, :known]
+        guess = query.warm(config.horizon, self.rollout.action_size)
+        if not config.warm_start:
+            guess[:] = 0
         start, goal, context, first = map(
             torch.from_numpy, (query.start, query.goal, query.context, guess)
         )

@@ -1,13 +1,12 @@
 """Shooting: all actions of a path changed at once, so that it ends nearer to the goal.
 
-A tree finds ways round obstacles, but fills seven dimensions far too thinly to end a path on a
-given state. The last gap is a least squares problem of few equations and many unknowns: what the
-actions are to change by, so that the end of the path moves onto the goal. Gauss-Newton solves it,
-with H_f rolled out from the start and Levenberg-Marquardt damping against what is not linear.
+A tree finds ways round obstacles, but in seven dimensions its nodes are too sparse to end a path on
+a given state. The last gap is a least squares problem of few equations and many unknowns: the
+changes of all actions that move the end of the path onto the goal. Gauss-Newton solves it, with H_f
+rolled out from the start. Levenberg-Marquardt damping limits changes where H_f is not linear.
 
-Slopes are exact, path by path. H_f itself checks each change.
-Many paths are refined side by side, since small batches use a processor badly; none depends on
-another.
+Slopes are exact for each path, and a rollout of H_f checks each change. Many paths are refined side
+by side, because small batches are slow. No path depends on another.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ DAMPINGS = 10.0 ** np.arange(-1, 5).reshape(2, 3)  # the latter only where the f
 FIRST_DAMPING, LEAST_DAMPING = 0.05, 1e-3
 ROUNDS = 3  # in which actions at their bounds are found
 CLOSE = 0.1  # of a length unit: nearer than that, H_f errs by more; and for each step of a path
-CLOSE_A_STEP = 0.015  # so much: before it is at its end, it is refined again
+CLOSE_A_STEP = 0.015  # this much: execution refines a long path again before its end
 NEARER = 0.8  # of the distance that a row stands at: what counts as coming nearer
 LEAST_GAIN = 0.01  # share of the squared gap below which another iteration is not worth it
 
@@ -35,7 +34,7 @@ class Shot:
 
     Attributes:
         states, actions: latents [T+1,Z] and actions [T,A].
-        goal: where it ought to end [Z].
+        goal: where it should end [Z].
         row: its scenario.
         gap: how far from the goal it ends, in latent units.
         damping: what helped last.
@@ -167,7 +166,7 @@ def _try(
 
 
 def _asked(world: World, path: Shot, times: int) -> Shot:
-    """The path after H_f was asked so many times for each of its steps."""
+    """The path with `times` more calls of H_f for each of its steps counted."""
     asked = len(path.actions) * world.members * times
     return replace(path, transitions=path.transitions + asked)
 

@@ -11,13 +11,13 @@ import pytest
 
 from elast_cli.cli import app as cli
 from elast_cli.errors import ElastError
-from elast_cli.models.parts import PARTS
+from elast_cli.models.parts import PARTS, word
 from elast_cli.store.manifest import Ref
 from tests.toys.command_line import COLLECT, ELAST
 
 COMMANDS = [
     "collect",
-    *(f"train-{kind}" for kind in PARTS),
+    *(f"train-{word(kind)}" for kind in PARTS),
     "train-baseline",
     "plan",
     "eval",

@@ -11,7 +11,7 @@ import torch
 from filelock import FileLock
 
 from elast_cli.cli import app as cli
-from elast_cli.cli import options
+from elast_cli.cli import completion
 from elast_cli.envs.registry import ENVS, task_info
 from elast_cli.stages import doctor
 from tests.toys.command_line import COLLECT, fails
@@ -168,10 +168,50 @@ def test_envs_and_methods_list_what_can_be_named(capsys: pytest.CaptureFixture[s
 
 
 def test_the_shell_completes_names() -> None:
-    assert [name for name, _ in options._environments("bl")] == [
+    assert [name for name, _ in completion.environments("bl")] == [
         "block-s",
         "block-asym",
         "block-param",
     ]
-    assert "elast,cpc-cem" in options._methods("elast,cpc-")
-    assert options._presets("sta") == ["standard"]
+    assert "elast,cpc-cem" in completion.lists_of_methods("elast,cpc-")
+    assert completion.methods("knn") == ["knn-graph"]
+    assert completion.growing_trees("")[:2] == ["elast", "elast-psi"]
+    assert not completion.growing_trees("cpc-")
+    assert completion.presets("sta") == ["standard"]
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments"),
+    [
+        (2, ["plan", "--env", "block-s", "--method", "cpc-coll"]),
+        (66, ["plan", "--env", "block-s"]),
+        (66, ["train-gcbc", "--env", "block-s"]),
+        (66, ["eval", "--env", "block-s", "--methods", "cpc-grad"]),
+    ],
+)
+@pytest.mark.usefixtures("home")
+def test_a_refusal_is_one_line_whatever_has_no_effect(
+    capsys: pytest.CaptureFixture[str], code: int, arguments: list[str]
+) -> None:
+    fails(capsys, code, [*arguments, "--set", "cem.topk=3"])
+
+
+@pytest.mark.usefixtures("home")
+def test_a_section_without_effect_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
+    unused = ["--set", "cem.topk=3", "--dry-run"]
+    collect = ["collect", "--env", "block-s", "--episodes", "2"]
+    for arguments in (collect, ["eval", "--methods", "random"]):
+        assert cli.run([*arguments, *unused]) == 0
+        error = capsys.readouterr().err
+        assert error.count("--set: section 'cem' has no effect here (cem.topk=3)") == 1
+
+
+@pytest.mark.usefixtures("home")
+def test_a_part_that_is_not_fitted_has_no_flags_for_fitting(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.run(["train-graph", "--help"]) == 0
+    assert "--steps" not in capsys.readouterr().out
+    fails(capsys, 2, ["train-graph", "--env", "block-s", "--steps", "5"], "--steps")
+    assert cli.run(["train-gcbc", "--help"]) == 0
+    assert "--steps" in capsys.readouterr().out

@@ -7,6 +7,8 @@ import pytest
 from elast_cli.cli import app as cli
 from tests.toys.command_line import fails
 
+pytestmark = pytest.mark.usefixtures("home")  # none writes into the checkout
+
 TINY = ["--n", "60", "--workers", "1", "--quiet"]
 
 

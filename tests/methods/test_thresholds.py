@@ -10,7 +10,7 @@ import pytest
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError
 from elast_cli.methods.loading import Models
-from elast_cli.methods.thresholds import limits, radii
+from elast_cli.methods.thresholds import limits, median_step, radii
 from elast_cli.preset import Preset
 from tests.toys.methods import tree_config
 
@@ -67,3 +67,15 @@ def test_lengths_of_nothing_are_refused_by_the_name_of_their_quantile(
         limits(models, config)
     without = tree_config(tiny, {"tests": {"support_quantile": None}})
     assert limits(models, without).max_support_distance == np.inf
+
+
+def test_the_key_of_another_section_is_named_and_a_median_step_of_nothing_is_refused(
+    folders: dict[str, Path], tiny: Preset
+) -> None:
+    models, config = Models(folders, "cpu"), tree_config(tiny)
+    assert median_step(models) == pytest.approx(0.5)
+    models.stored("encoder").arrays["step_length_quantiles.values"][:] = 0
+    with pytest.raises(DataError, match=r"--set graph_search\.neighbor_quantile="):
+        radii(models, config, "graph_search.neighbor_quantile")
+    with pytest.raises(DataError, match=r"half of the observed steps.*elast train-encoder"):
+        median_step(models)

@@ -94,7 +94,7 @@ def test_every_row_names_a_section_a_spec_and_a_trainer(kind: str) -> None:
     found = part_named(kind)
     assert issubclass(found.section, PartSection)
     defaults = found.section.model_validate({})  # complete: they are `standard`
-    assert isinstance(defaults, Section) == (kind != "graph")
+    assert isinstance(defaults, Section) == found.fitted == (kind != "graph")
     assert not isinstance(defaults, Section) or defaults.fit.steps > 0
     assert callable(found.spec.build)
     assert issubclass(found.spec, StrictModel)

@@ -91,6 +91,8 @@ def test_a_multiplier_grows_while_its_constraint_is_violated_and_shrinks_after()
     planner = CollocationPlanner(PointMass().at, CollocationConfig(), REACH)
     found = planner._grown(np.full(3, 2.0), np.array([1e-4, 9.9e-4, 0.0]))
     np.testing.assert_allclose(found, [2 * (1 + 0.1 * np.log10(1.1)), 2.2, 1.8])
+    endless = planner._grown(np.array([1e12, 2.0]), np.array([np.inf, np.nan]))
+    np.testing.assert_array_equal(endless, [1e12, 2.0])  # without a warning
 
 
 def test_a_draft_whose_equations_fail_is_left_and_others_go_on() -> None:

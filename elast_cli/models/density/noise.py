@@ -19,16 +19,16 @@ FEWEST = 8  # that a neighbourhood holds, however far away they are
 FINEST = 0.05  # of the Gaussian's deviation, in what is added to neighbours
 PART = 512
 CROSSINGS, BEYOND = 0.4, 0.2  # shares of the noise from other contexts; the rest was seen there
-TRIES = 4  # of which the one that tells contexts apart the most is taken
+TRIES = 4  # of which the one where contexts differ the most is taken
 
 
 class Noise:
     """Draws ν false successors of a latent: Gaussian ones about it, and latents from near by.
 
-    Encoded data fill no more than a thin sheet of the latent space, which Gaussian noise leaves at
-    once: telling the two apart teaches ψ the sheet and hardly anything about who can be reached on
-    it. Latents of other times that lie near by are on the sheet, where a tree asks for edges. Half
-    of them are moved off it, by a little or by up to a step, as errors of H_f do.
+    Encoded data form a thin sheet in the latent space, and Gaussian noise lies off it. Against such
+    noise ψ learns the sheet, and little about which states on it are one step apart. Latents of
+    other times near by lie on the sheet, as the edges of a tree do. Half of them are moved off it,
+    by up to a step, because errors of H_f do the same.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Noise:
         radius: float,
         rng: np.random.Generator,
     ) -> None:
-        """Look up everybody's neighbours.
+        """Look up the neighbours of every latent.
 
         Args:
             z: all latents [N,Z].
@@ -77,20 +77,20 @@ class Noise:
 class OtherContexts:
     """Transitions of other episodes, sorted by H_f into those that fit a row's context or do not.
 
-    A tree walks into an obstacle by the small errors of H_f, and goes on from there, where nothing
-    was ever seen. Telling data from noise in general teaches ψ hardly anything about obstacles;
-    this noise is meant to differ from data in nothing else. Of each row's
+    Small errors of H_f lead a tree into obstacles, and it grows on from there, where there are no
+    data. General noise teaches ψ little about obstacles. This noise differs from data in them
+    alone. Of five transitions of a row
 
-    - two in five leave a latent as H_f has it in another context, and get farther than they would
-      in the row's: of a few tries, the one where the two differ the most. Where none gets farther,
-      as far from all obstacles, it is the first try, an ordinary step;
-    - one goes on in that context from where such a one ended;
-    - the rest are true transitions of other episodes: of a few tries, the one that H_f has end the
-      farthest from there in the row's context.
+    - two are steps of H_f in another context that get farther than in the row's context: of a few
+      tries, the one where the two differ the most. If none gets farther, as far from all
+      obstacles, it is the first try, an ordinary step;
+    - one is a second step in that context, from the end of such a step;
+    - two are true transitions of other episodes: of a few tries, the one whose end is farthest from
+      the prediction of H_f in the row's context.
 
-    A context is seen in one short episode, and where that was would tell data from such noise just
-    as well as obstacles do. So transitions of other episodes that H_f has end alike in the row's
-    context are relabelled: they count as data there.
+    A context is seen in one short episode, and the place of that episode separates data from such
+    noise as well as obstacles do. So transitions of other episodes whose ends H_f predicts in the
+    row's context are relabelled: they count as data there.
 
     Attributes:
         z, action, context: latents [N,Z], actions [N,A] and contexts [N,C] of all rows.

@@ -1,10 +1,10 @@
-"""A metric for φ: near by, latent distance goes with the distance of blurred images.
+"""A metric for φ: near by, latent distance is proportional to the distance of blurred images.
 
-Contrastive learning says which states differ, not by how much: where all else is told by a cable's
-head, InfoNCE is content with hardly any distance between two shapes of the rest. Blurred by more
-than what moves is thick, images tell how far it has moved, and their distance is a fair measure of
-it as long as old and new place overlap in the blur. φ is asked to keep these distances up to one
-common factor, which InfoNCE sets; far apart it alone says where states go.
+Contrastive learning says which states differ, but not by how much. If a cable's head identifies a
+state, InfoNCE needs almost no distance between two shapes of the rest. Images blurred by more than
+the width of an object measure how far it has moved, as long as old and new place overlap in the
+blur. The loss keeps these distances up to one common factor, which InfoNCE sets. States farther
+apart are arranged by InfoNCE alone.
 """
 
 from __future__ import annotations

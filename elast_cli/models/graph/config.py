@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class GraphConfig(StrictModel):
-    """How many states are kept, and in how long stretches of an episode.
+    """Number of states that are kept, and the length of their stretches of an episode.
 
     Long stretches hold more observed transitions, short ones cover more places.
     """
 
-    nodes: int = Field(default=20_000, ge=1, le=10_000_000)
+    nodes: int = Field(default=20_000, ge=1, le=10_000_000, description="states kept")
     stretch: int = Field(default=10, ge=1, description="consecutive states that are kept together")
 
 

@@ -1,6 +1,6 @@
 """A map of the latent space: encoded states as nodes, and the edges that may join them.
 
-No edge is tested here, since what holds an edge up may differ with the scenario.
+No edge is tested here, because obstacles may differ between scenarios.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from elast_cli.shapes import Bool, Float32, Float64, Int32, Int64
 
-TIE = 1e-3  # of an edge's length in radii: of paths with as many steps the straightest is best
+TIE = 1e-3  # weight of an edge's length in radii: among equally many steps the shortest path wins
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Roadmap:
         return np.sort(np.array(self.tree.query_ball_point(z, self.radius), np.int64))
 
     def cost(self, length: Float32) -> Float64:
-        """What edges of these lengths [E] cost: one step each, and a little for their length."""
+        """Costs of edges of these lengths [E]: one step each, and a little for the length."""
         costs: Float64 = 1 + TIE * length.astype(np.float64) / self.radius
         return costs
 
@@ -61,7 +61,7 @@ def roadmap(latents: Float32, rows: Int64, *, spacing: float, radius: float) -> 
     Args:
         latents: of the states [M,Z], in the order of the dataset.
         rows: in the dataset [M]; a state was seen to lead to the next one if its row is the next.
-        spacing: a state nearer than that to an earlier node is merged into the nearest such node.
+        spacing: a state nearer than that to earlier nodes is merged into the first of them.
         radius: within which two nodes are joined.
     """
     nodes, node_of = merged(latents, spacing)

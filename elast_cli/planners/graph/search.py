@@ -1,9 +1,9 @@
 """Shortest paths on a map of the data whose edges are tested lazily (as Lazy PRM and LazySP).
 
-The map joins all states that are near each other, walls or not. A shortest path is found, and the
-edges about it are tested: ψ must find them likely, and H_f under π's action must lead along them.
-What fails is closed, and the next path is found, until all edges of a path have passed. That path
-is the shortest of all that pass, and most edges of the map are never tested.
+The map joins all states that are near each other, also through walls. The search finds a shortest
+path and tests all edges that leave its nodes. ψ must find an edge likely, and H_f under π's action
+must land at its end. Rejected edges are removed, and the search repeats until all edges of a path
+have passed. That path is the shortest one that passes. Most edges are never tested.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class LazySearch:
 
     Attributes:
         verdicts: of each edge of the map [E]: untested, passed, or rejected.
-        failed: whether execution has tried a transition in vain.
+        failed: whether a transition failed in execution.
     """
 
     def __init__(
@@ -80,21 +80,23 @@ class LazySearch:
         self.verdicts = _known(self._map, query, row)
         failed = query.failed[row] if query.failed else np.empty((0, 2, 0), np.float32)
         self.failed = len(failed) > 0
-        self._open = np.ones(len(self._map.latents), np.bool_)
+        self._open, self._goal_open = np.ones(len(self._map.latents), np.bool_), True
         if self.failed:
             self._open = ~closed(self._map.latents, failed, planner.radii.failure)
+            self._goal_open = not closed(self._goal[None], failed, planner.radii.failure)[0]
 
     def path(self) -> Float32:
-        """Latents [T,Z] from the start on, to the goal if there is a way, else as near as one is.
+        """Latents [T,Z] from the start to the goal, or else to the nearest node with a way.
 
-        The start joins the nodes about it that pass the tests; if none does, the nearest of all.
+        The start joins the nodes about it that pass the tests; if none does, the nearest one.
         """
         if self._in_one_step():
             return np.stack([self._start, self._goal])
         joined = self._joined()
+        gaps = self._gaps(self._start)
         if not len(joined):
-            joined = np.array([self._gaps(self._start).argmin()])
-        length = self._gaps(self._start)[joined]
+            joined = np.array([np.where(self._open, gaps, np.inf).argmin()])
+        length = gaps[joined]
         before_goal = self._before_goal()
         while True:
             paths = shortest_from(self._map, self._usable(), joined, length)
@@ -113,6 +115,8 @@ class LazySearch:
 
     def _in_one_step(self) -> bool:
         """Whether an edge leads from the start to the goal."""
+        if not self._goal_open:
+            return False
         gap = np.linalg.norm(self._start - self._goal)
         return bool(
             gap <= self._map.radius and self._passes(self._start[None], self._goal[None])[0]
@@ -128,7 +132,7 @@ class LazySearch:
     def _before_goal(self) -> Int64:
         """Open nodes from which one step leads to the goal [J]."""
         near = self._map.near(self._goal)
-        near = near[self._open[near]]
+        near = near[self._open[near] & self._goal_open]
         goal = np.repeat(self._goal[None], len(near), axis=0)
         return near[self._passes(self._map.latents[near], goal)]
 
@@ -193,10 +197,9 @@ class LazySearch:
 
 
 def _known(roadmap: Roadmap, query: Query, row: int) -> np.ndarray[tuple[int], np.dtype[np.int8]]:
-    """What is known of a row's edges before any is tested [E].
+    """Verdicts on a row's edges before any is tested [E].
 
-    That is what the plan before has found. Where no context differs, what was seen in the data
-    is possible, too.
+    They are those of the previous plan. Without contexts, observed transitions have passed, too.
     """
     memory = query.memory[row] if query.memory else None
     if isinstance(memory, np.ndarray):

@@ -13,10 +13,10 @@ from elast_cli.config import StrictModel
 
 
 class SamplingConfig(StrictModel):
-    """Which nodes are expanded (Sec. 4.3, biases). p_goal is what the other two leave of 1.
+    """Which nodes are expanded (Sec. 4.3, biases). p_goal is 1 - p_uniform - p_sparse.
 
-    A node is sparse that few others crowd: those within `crowding_steps`, or all reachable ones.
-    With `count_rejections`, candidates that were rejected crowd the node that they came from.
+    A node is sparse if few nodes crowd it: those within `crowding_steps`, or all reachable ones.
+    With `count_rejections`, the rejected candidates of a node count as crowding, too.
     """
 
     p_uniform: float = Field(default=0.2, ge=0, le=1)
@@ -34,9 +34,9 @@ class SamplingConfig(StrictModel):
 
 
 class BatchConfig(StrictModel):
-    """Expansions at a time: a `share` of those done so far, within bounds.
+    """Expansions of one batch: a `share` of the expansions so far, within bounds.
 
-    A tree deepens by at most one step a batch, so batches begin small.
+    One batch deepens a tree by at most one step, so early batches are small.
     """
 
     min: int = Field(default=16, ge=1)
@@ -51,10 +51,11 @@ class BatchConfig(StrictModel):
 
 
 class ActionsConfig(StrictModel):
-    """Which actions are tried: shares of all of them.
+    """Shares of the actions that are tried.
 
-    `edge` is scaled to the edge of the box; `momentum` keeps the node's own direction, plus noise.
-    π proposes `steer_goal` towards the goal and `steer_sparse` towards another sparse node.
+    `edge` is scaled to the edge of the action box. `momentum` continues the node's own direction,
+    plus noise. π proposes `steer_goal` towards the goal, and `steer_sparse` towards another sparse
+    node.
     """
 
     edge: float = Field(default=0.5, ge=0, le=1)
@@ -73,7 +74,7 @@ class ActionsConfig(StrictModel):
 class TestsConfig(StrictModel):
     """Thresholds of a transition as quantiles on held-out transitions; null switches a test off.
 
-    `density_quantile` is that of τ_t, `variance_quantile` that of τ_e.
+    `density_quantile` sets τ_t, and `variance_quantile` sets τ_e.
     """
 
     density_quantile: float | None = Field(default=0.02, ge=0, lt=1)
@@ -91,12 +92,12 @@ class RewireConfig(StrictModel):
 
 
 class ReuseConfig(StrictModel):
-    """Replanning from the tree of the plan before.
+    """Replanning from the tree of the previous plan.
 
-    Once that tree reaches the goal, a plan spends `expansions`. Of an old tree no more than
-    `max_nodes`, or twice the expansions of a first plan, is kept. One that does not reach the goal
-    and leaves less than half of this free gives way to a new one. Places within `failure_steps` of
-    a transition that execution tried in vain are closed.
+    Once that tree reaches the goal, a plan spends `expansions`. An old tree keeps at most
+    `max_nodes` nodes, or twice the expansions of a first plan. A tree that fills more than half of
+    this without reaching the goal is replaced by a new one. Places within `failure_steps` of a
+    transition that failed in execution are closed.
     """
 
     enabled: bool = True
@@ -105,10 +106,10 @@ class ReuseConfig(StrictModel):
 
 
 class RefineConfig(StrictModel):
-    """Shooting: the actions of `paths` paths are changed so that they end nearer to the goal.
+    """Shooting: changes the actions of `paths` paths so that they end nearer to the goal.
 
-    At most `iterations` times; 0 leaves paths as the tree has them. A path ought to end within
-    `goal_steps` of the goal. What is left of a plan is kept while it can be refined to end within
+    `iterations` bounds the changes of a path; 0 switches shooting off. A path arrives if it ends
+    within `goal_steps` of the goal. The rest of a plan is kept while refinement ends it within
     `kept_steps`.
     """
 
@@ -121,12 +122,12 @@ class RefineConfig(StrictModel):
 class TreeConfig(StrictModel):
     """The search.
 
-    `max_nodes` bounds a tree's memory: a full tree stops. A `time_budget` in seconds stops all
-    trees; which plan it leaves depends on the machine. With `prune`, nodes that cannot shorten the
-    path any more are not chosen for being sparse, and a tree without any others stops. That takes
-    no step to be longer than `Radii.longest`, which for trained models is a little more than any
-    observed one. A path reaches the goal that ends within `goal_steps` of it. A new node nearer
-    than `duplicate_steps` to one that is no costlier is dropped.
+    `max_nodes` bounds the memory of a tree: a full tree stops. A `time_budget` in seconds stops all
+    trees, so the plan depends on the machine. With `prune`, nodes that cannot shorten the path are
+    not chosen for being sparse. A tree without other nodes stops. Pruning assumes that no step is
+    longer than `Radii.longest`, which for trained models is 1.05 times the longest observed one.
+    A path reaches the goal if it ends within `goal_steps` of it. A new node is dropped if a node
+    that costs no more lies within `duplicate_steps`.
     """
 
     expansions: int = Field(default=12_000, ge=1)

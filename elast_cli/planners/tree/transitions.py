@@ -19,7 +19,7 @@ class Transitions:
     Attributes:
         world: the learned world of these scenarios.
         limits: thresholds.
-        failed: transitions [M,2,Z] that execution tried in vain, by row.
+        failed: transitions [M,2,Z] that failed in execution, by row.
         failure_radius: how far about such a transition places are closed.
         cost: counts the calls of networks.
     """

@@ -124,6 +124,23 @@ def test_a_place_that_execution_failed_to_reach_is_closed_and_a_blocked_row_is_n
     assert by_hand(asked(failed=[both]), radii=replace(RADII, failure=0.05)).blocked == [0]
 
 
+def test_a_goal_in_a_closed_place_is_not_walked_into_again() -> None:
+    """Else a row would repeat its last step. A blocked row forgets its failures instead."""
+    radii = replace(RADII, failure=0.05)
+    for start in ((0.3, 0), (0.2, 0)):
+        failed = array([[(0.3, 0), (0.4, 0)]])
+        plan = by_hand(asked(start=start, failed=[failed]), radii=replace(radii, goal=0.05))
+        assert not plan.reached.any()
+        assert plan.blocked == [0]
+        assert by_hand(asked(start=start), radii=radii).reached.all()
+
+
+def test_a_start_whose_edges_all_fail_joins_the_nearest_open_node() -> None:
+    failed = array([[(0.0, 0), (0.1, 0)]])
+    near = by_hand(asked(start=(0.05, -0.3), failed=[failed]), radii=replace(RADII, failure=0.05))
+    assert not np.isclose(near.states[0], (0.1, 0), atol=1e-6).all(1).any()
+
+
 def test_a_spent_budget_leaves_only_edges_that_have_passed() -> None:
     plan = by_hand(asked(), bad=((0.2, 0),), edge_tests=1)
     known: Any = plan.memory[0]
