@@ -85,7 +85,7 @@ def test_they_make_no_plan_to_show(
 ) -> None:
     assert run_in(home, ["plan", *PARAM[:4], "--method", method]) == 2
     said = capsys.readouterr().err
-    assert f"--method {method}: it grows no tree to show; choose elast" in said
+    assert f"--method {method}: this method grows no tree; choose elast" in said
     assert said.count("\n") == 1
 
 

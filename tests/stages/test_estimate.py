@@ -88,8 +88,10 @@ def test_the_estimate_of_disk_is_what_a_run_writes(
 
 @pytest.mark.parametrize("ref", [ref for ref in MODELS.refs() if ref.kind in PARTS], ids=str)
 def test_the_estimate_of_disk_is_that_of_the_committed_models(ref: Ref, tmp_path: Path) -> None:
-    recipe: Any = MODELS.manifest(ref).recipe
-    precision = recipe.config[ref.kind]["fit"]["precision"]
+    manifest = MODELS.manifest(ref)
+    recipe: Any = manifest.recipe
+    asked = recipe.config[ref.kind]["fit"]["precision"]
+    precision = manifest.metrics["precision"] if asked == "auto" else asked
     config = presets.load("standard", ref.env, [f"{ref.kind}.fit.precision={precision}"])
     job = Job(store=Store(tmp_path), env=ref.env, preset="standard", config=config)
     found = estimate.of_role(job, ref.kind, {}).disk_bytes

@@ -103,7 +103,8 @@ def test_recipes_of_committed_models_still_have_their_digests(path: Path) -> Non
     manifest = Store(COMMITTED).manifest(ref)
     assert manifest.recipe.digest == manifest.recipe_digest
     assert manifest.recipe.variant == {}
-    assert "variant" not in read_yaml(path / MANIFEST)["recipe"]  # type: ignore[operator]  # a mapping
+    if ref.env == "cable":  # made before there were variants
+        assert "variant" not in read_yaml(path / MANIFEST)["recipe"]  # type: ignore[operator]
 
 
 def test_a_git_hook_of_another_repository_does_not_name_the_commit(
