@@ -66,9 +66,16 @@ def use_wide_vectors() -> None:
         return
     from llvmlite import binding
 
-    features = binding.get_host_cpu_features()
-    if features.get("avx512bf16"):
+    if has_bfloat16():
+        features = binding.get_host_cpu_features()
         os.environ[FEATURES] = f"{features.flatten()},-prefer-256-bit"
+
+
+def has_bfloat16() -> bool:
+    """Whether the processor multiplies bfloat16 by itself, found without torch."""
+    from llvmlite import binding
+
+    return bool(binding.get_host_cpu_features().get("avx512bf16", False))
 
 
 def njit(**options: Any) -> Callable[[F], F]:

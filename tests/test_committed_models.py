@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ from elast_cli.store.store import Store
 HOME = Path(__file__).parents[1] / "docs" / "results" / "models"
 TASKS = sorted(path.name for path in (HOME / "artifacts").glob("[!.]*"))
 MOST = 5_000_000  # bytes of a file
+# Median steps between two goals, where less than 1: all goals of `button` are presses, and its
+# presets ask paths to end within 0.4 steps (`planner.goal_steps`).
+GOALS_APART = {"button": 0.4}
 
 
 def test_there_are_some() -> None:
@@ -46,7 +50,7 @@ def test_committed_models_are_whole_and_tell_the_states_of_scenarios_apart(task:
                 images.append(env.context)
     background = np.array(images) if images else None
     z = frame_encoder(models)(np.stack(frames), background)
-    step = step_length(models, 0.5)
-    gaps = np.linalg.norm(z[:, None] - z[None], axis=-1)
-    assert min(gaps[0, 1], gaps[2, 3]) > 3 * step  # start and goal of a scenario
-    assert gaps[np.triu_indices(4, 1)].min() > 0.5 * step  # two goals of button are much alike
+    gaps = np.linalg.norm(z[:, None] - z[None], axis=-1) / step_length(models, 0.5)
+    for i, j in itertools.combinations(range(len(z)), 2):
+        both_goals = i % 2 == j % 2 == 1
+        assert gaps[i, j] > (GOALS_APART.get(task, 1.0) if both_goals else 1.0), (i, j)

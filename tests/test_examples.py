@@ -10,20 +10,12 @@ from typing import Any
 
 import pytest
 
+from tests.toys import command_line
+
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 MODELS = ROOT / "docs/results/models/artifacts/block-asym"
-TINY = [
-    "collect.n=600",
-    "collect.episode_steps=20",
-    "encoder.fit.steps=10",
-    "ensemble.fit.steps=5",
-    "ensemble.net.support_size=200",
-    "density.fit.steps=5",
-    "policy.fit.steps=5",
-    "planner.expansions=30",
-    "eval.episodes=1",
-]
+TINY = [*command_line.TINY, "eval.episodes=1"]
 
 
 def main_of(name: str) -> Callable[..., Any]:

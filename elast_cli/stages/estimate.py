@@ -8,14 +8,16 @@ processor of 2026. Seconds may be wrong by a factor of three, memory by a half. 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from elast_cli.compiled import has_bfloat16
 from elast_cli.config import JsonDict
 from elast_cli.control.collection import CollectConfig
 from elast_cli.methods.table import method_named
-from elast_cli.models.part import IMAGE_SHARE, PartSection, Section, Sizes
+from elast_cli.models.part import IMAGE_SHARE, PartSection, Precision, Section, Sizes
 from elast_cli.models.parts import CONTEXT, DATASET, PARTS, part_named
 from elast_cli.models.sizes import image_bytes, weight_bytes
 from elast_cli.stages import train
@@ -148,11 +150,19 @@ def _of_part(job: Job, kind: str, inputs: Mapping[str, Ref]) -> Estimate:
     images = (episodes if kind == CONTEXT else rows) * image_bytes(section)
     memory = TORCH + need + (images if images <= IMAGE_SHARE * spare else 0)
     memory += 4 * weight_bytes(kind, section, sizes)  # gradients and two moments besides
-    packed = fit is not None and fit.precision == "bfloat16"
+    packed = fit is not None and _in_bfloat16(fit.precision, job.device)
     size = weight_bytes(kind, section, sizes, packed=packed)
     size += CURVE_ROW * (math.ceil(fit.steps / fit.log_every) if fit else 1)
     seconds, source = _training_seconds(job, kind, section)
     return _estimate(size, memory if job.device == "cpu" else math.nan, seconds, source, SHAPES)
+
+
+def _in_bfloat16(precision: Precision, device: str) -> bool:
+    """Whether a training will compute in bfloat16, as far as can be known without torch."""
+    if precision != "auto":
+        return precision == "bfloat16"
+    told = os.environ.get("ATEN_CPU_CAPABILITY", "avx512")  # torch may use less than there is
+    return device != "cpu" or (told.startswith("avx512") and has_bfloat16())
 
 
 def _training_seconds(job: Job, kind: str, section: PartSection) -> tuple[float, str]:

@@ -86,6 +86,21 @@ def test_the_estimate_of_disk_is_what_a_run_writes(
         assert real / 2 < row["disk_bytes"] < real * 2, kind
 
 
+@pytest.mark.parametrize("told", [None, "avx2"])
+def test_auto_precision_is_the_one_that_training_takes(
+    told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """torch reads the variable when it is imported, so it is asked in a process of its own."""
+    monkeypatch.delenv("ATEN_CPU_CAPABILITY", raising=False)
+    if told:
+        monkeypatch.setenv("ATEN_CPU_CAPABILITY", told)
+    script = "from elast_cli.models.precision import resolved; print(resolved('auto', 'cpu'))"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert estimate._in_bfloat16("auto", "cpu") == (done.stdout.strip() == "bfloat16")
+
+
 @pytest.mark.parametrize("ref", [ref for ref in MODELS.refs() if ref.kind in PARTS], ids=str)
 def test_the_estimate_of_disk_is_that_of_the_committed_models(ref: Ref, tmp_path: Path) -> None:
     manifest = MODELS.manifest(ref)

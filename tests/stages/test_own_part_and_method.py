@@ -22,21 +22,12 @@ from elast_cli.stages.job import Job
 from elast_cli.stages.resolve import resolve
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
+from tests.toys.command_line import TINY
 from tests.toys.own_part import METHOD, PART, GoalPolicy
 from tests.toys.tables import kept_tables
 
 ENV = "block-s"
 FLAGS = ["--env", ENV, "--preset", "quick"]
-TINY = [
-    "collect.n=600",
-    "collect.episode_steps=20",
-    "encoder.fit.steps=10",
-    "ensemble.fit.steps=5",
-    "ensemble.net.support_size=200",
-    "density.fit.steps=5",
-    "policy.fit.steps=5",
-    "planner.expansions=30",
-]
 SETS = [word for text in TINY for word in ("--set", text)]
 ONE = [*FLAGS, *SETS, "--workers", "1", "--quiet"]
 EVALUATION = [*ONE, "--level", "hard", "--episodes", "1"]
