@@ -64,11 +64,10 @@ def use_wide_vectors() -> None:
     """
     if os.environ.get("NUMBA_CPU_NAME") or FEATURES in os.environ:
         return
-    from llvmlite import binding
-
     if has_bfloat16():
-        features = binding.get_host_cpu_features()
-        os.environ[FEATURES] = f"{features.flatten()},-prefer-256-bit"
+        from llvmlite import binding
+
+        os.environ[FEATURES] = f"{binding.get_host_cpu_features().flatten()},-prefer-256-bit"
 
 
 def has_bfloat16() -> bool:

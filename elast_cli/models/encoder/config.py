@@ -85,10 +85,10 @@ class CpcConfig(StrictModel):
     negatives: Literal["last", "window"] = "last"
     lookalikes: int = Field(default=1, ge=1, le=1024, description="windows of a group")
     refresh: int = Field(default=250, ge=1, description="steps between two searches for groups")
-    isometry_weight: float = Field(default=0.0, ge=0)
+    isometry_weight: float = Field(default=0.0, ge=0, description="of distances in images")
     isometry_blur: float = Field(default=5.0, gt=0, description="in pixels of a 64x64 frame")
     isometry_reach: float = Field(default=6.0, gt=0, description="in median steps of the images")
-    inverse_weight: float = Field(default=0.0, ge=0)
+    inverse_weight: float = Field(default=0.0, ge=0, description="of reading actions off states")
 
 
 class EncoderSection(Section):
