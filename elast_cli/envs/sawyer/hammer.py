@@ -80,21 +80,28 @@ class Hammer(SawyerTask):
         self._open(rng.uniform(0.0, _OPEN_BY))
 
     def sample_start(self, rng: np.random.Generator) -> tuple[Vector, Vector]:
-        """Held somewhere, lying between the fingers, or lying anywhere; the nail at any depth."""
-        held, between = self.config.held_share, self.config.between_share
+        """Held, held before the nail, lying between the fingers, or lying anywhere.
+
+        The nail is out or at any depth.
+        """
+        config = self.config
+        until = np.cumsum([config.aimed_share, config.held_share, config.between_share])
         draws = DrawLimit("free start of hammer and hand", most=1000)
         while True:
             draws.count()
-            kind = rng.random()
-            if kind < held:
-                self._hold(rng.uniform(self._low, self._high), rng.uniform(*self.config.grasp))
-            elif kind < held + between:
+            kind, depth = rng.random(), 0.0
+            if rng.random() < config.driven_share:
+                depth = rng.uniform(0.0, config.depth[1])
+            if kind < until[0]:
+                self._aim(depth, rng)
+            elif kind < until[1]:
+                self._hold(rng.uniform(self._low, self._high), self._along(rng))
+            elif kind < until[2]:
                 self._straddle(rng)
             else:
                 self._place(rng.uniform(self._low, self._high))
                 self.place_objects(rng)
-            if rng.random() < self.config.driven_share:
-                self.data.qpos[NAIL] = rng.uniform(0.0, self.config.depth[1])
+            self.data.qpos[NAIL] = depth
             mujoco.mj_forward(self.model, self.data)
             if self._is_free():
                 return self.state, empty_layout()
@@ -123,11 +130,26 @@ class Hammer(SawyerTask):
         self.data.qpos[scene.FINGERS] = GRASPED
         self.data.qpos[HAMMER] = (*(self.hand - (along, 0.0, BELOW_HAND)), 1.0, 0.0, 0.0, 0.0)
 
+    def _aim(self, depth: float, rng: np.random.Generator) -> None:
+        """Hold the hammer with its head before a nail at a depth, m."""
+        aside, along = rng.uniform(-self.config.aside, self.config.aside, 2), self._along(rng)
+        before = depth - _FACE - rng.uniform(0.0, self.config.before)
+        self._hold_at(_NAIL_HEAD + (aside[0], before, aside[1]), along)
+
+    def _along(self, rng: np.random.Generator) -> float:
+        """Where a hand holds the handle, m from its middle."""
+        along: float = rng.uniform(*self.config.grasp)
+        return along
+
+    def _hold_at(self, head: Floats, along: float) -> None:
+        """Put the hammer into the hand so that the middle of its head is at a place (x, y, z)."""
+        self._hold(head - _HEAD + (along, 0.0, BELOW_HAND), along)
+
     def _straddle(self, rng: np.random.Generator) -> None:
         """Put the hand over the handle of the lying hammer, its open fingers on both sides."""
         self._lay(rng)
         hammer = self.data.qpos[HAMMER].copy()
-        along, height = rng.uniform(*self.config.grasp), rng.uniform(*self.config.straddle)
+        along, height = self._along(rng), rng.uniform(*self.config.straddle)
         self._place(np.array([hammer[0] + along, hammer[1], height]))
         self.data.qpos[HAMMER] = hammer
         self._open(rng.uniform(_OPEN_BY - GRASPED[0], _OPEN_BY))
@@ -141,8 +163,7 @@ class Hammer(SawyerTask):
             wanted = rng.uniform(*config.depth)
             aside = rng.uniform(-config.off_centre, config.off_centre, 2)
             head = _NAIL_HEAD - (0.0, _FACE + 0.02, 0.0) + (aside[0], 0.0, aside[1])
-            along = rng.uniform(*config.grasp)
-            self._hold(head - _HEAD + (along, 0.0, BELOW_HAND), along)
+            self._hold_at(head, self._along(rng))
             mujoco.mj_forward(self.model, self.data)
             for _ in range(_BLOWS):
                 missing = wanted - float(self.data.qpos[NAIL])

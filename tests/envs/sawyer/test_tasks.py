@@ -106,6 +106,17 @@ def test_random_data_move_what_matters(name: str, number: int, least: float) -> 
     assert moved >= least * episodes
 
 
+def test_an_aimed_hammer_is_held_with_its_head_before_the_nail() -> None:
+    env = made("hammer", held_share=0.0, aimed_share=1.0, between_share=0.0)
+    rng = np.random.default_rng(0)
+    for _ in range(8):
+        state, _ = env.sample_start(rng)
+        x, y, z = hammer.head_of(state) - (0.24, 0.631 + state[-1], 0.11)
+        assert abs(x) <= 0.045
+        assert abs(z) <= 0.045
+        assert -0.072 - 0.085 <= y <= -0.072 + 0.005
+
+
 def test_a_gripper_stays_as_it_is_until_it_is_switched() -> None:
     env = made("hammer")
     env.reset(seed=0)
@@ -125,7 +136,7 @@ def test_a_gripper_stays_as_it_is_until_it_is_switched() -> None:
 
 
 def test_a_closed_gripper_keeps_the_hammer() -> None:
-    env = made("hammer", held_share=1.0, between_share=0.0)
+    env = made("hammer", held_share=1.0, aimed_share=0.0, between_share=0.0)
     env.np_random = np.random.default_rng(1)
     env.reset(options={"collect": True})
     for _ in range(10):
