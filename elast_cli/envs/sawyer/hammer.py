@@ -134,7 +134,7 @@ class Hammer(SawyerTask):
         """Hold the hammer with its head before a nail at a depth, m."""
         aside, along = rng.uniform(-self.config.aside, self.config.aside, 2), self._along(rng)
         before = depth - _FACE - rng.uniform(0.0, self.config.before)
-        self._hold_at(_NAIL_HEAD + (aside[0], before, aside[1]), along)
+        self._hold_at(_NAIL_HEAD + np.array([aside[0], before, aside[1]]), along)
 
     def _along(self, rng: np.random.Generator) -> float:
         """Where a hand holds the handle, m from its middle."""
