@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -42,6 +43,7 @@ def register(app: typer.Typer) -> None:
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
     app.command("ls")(list_artifacts)
+    app.command("report")(write_report)
     for command in (show, verify, compare, envs, methods, gc, doctor):
         app.command()(command)
 
@@ -234,6 +236,26 @@ def compare(
         print_json([row.model_dump(mode="json") for row in found])
     else:
         print_rich(comparison_table(found))
+
+
+def write_report(
+    refs: Annotated[list[str] | None, typer.Argument(metavar="[REF]...")] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The page.", dir_okay=False)
+    ] = Path("report.html"),
+    json: Json = False,
+) -> None:
+    """Write evaluations as one HTML page: tables, charts, films, commands, lineage."""
+    from elast_cli.files import storage_errors, whole_file
+    from elast_cli.pictures.page import page
+    from elast_cli.stages.page import document
+    from elast_cli.store.store import Store
+
+    content = document(Store.default(), refs or [])
+    with storage_errors(), whole_file(output) as file:
+        file.write(page(content).encode())
+    shown = {"path": str(output), "evaluations": content["evaluations"]}
+    print_json(shown) if json else print_text(str(output))
 
 
 def envs(json: Json = False) -> None:

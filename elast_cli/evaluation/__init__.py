@@ -7,5 +7,6 @@
 | `tables` | `table`: success rates for people |
 | `comparison` | `compare`: two evaluations on the scenarios that they share |
 | `requirements` | `parse_requirement`, `check`: bounds of `--require` |
+| `paper` | `paper_success`: the paper's success rates |
 | `statistics` | Wilson, Newcombe, McNemar and Student intervals and tests |
 """
