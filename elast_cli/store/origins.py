@@ -1,11 +1,12 @@
 """Manifests of artifacts that are not here: where unpacked parts come from.
 
-    artifacts/.lineage/<env>.<kind>.v<N>.<digest>/manifest.yaml and its digest
+artifacts/.lineage/<env>.<kind>.v<N>.<digest>/manifest.yaml and its digest
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,7 @@ def find(store: Store, recorded: Parent) -> tuple[Ref, Path] | None:
 
 
 def keep(store: Store, ref: Ref, digest: str, texts: Mapping[str, bytes]) -> None:
-    """Keep the manifest of an artifact that is not here.
+    """Keep the manifest of an artifact that is not here, unless it is kept already.
 
     Args:
         store: where.
@@ -46,6 +47,10 @@ def keep(store: Store, ref: Ref, digest: str, texts: Mapping[str, bytes]) -> Non
     """
     folder = _root(store) / f"{ref.env}.{ref.kind}.v{ref.version}.{digest}"
     refuse_links(folder.parent, folder)
+    if folder.exists():
+        with suppress(DataError):  # damaged: written anew
+            read_manifest(folder, ref)
+            return
     make_folders(folder)
     for name, text in texts.items():
         with whole_file(folder / name) as file:
