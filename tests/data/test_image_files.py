@@ -102,7 +102,7 @@ def other_format(path: Path, pixels: Uint8) -> None:
     path.write_bytes(buffer.getvalue())
 
 
-HARM: dict[str, tuple[Callable[[Path, Uint8], object], str]] = {
+HARM: dict[str, tuple[Callable[[Path, Uint8], object], str | None]] = {
     "grey": (lambda path, x: saved(path, x, "L"), "of mode L, not RGB"),
     "one bit": (lambda path, x: saved(path, x, "1"), "of mode 1, not RGB"),
     "grey with opacity": (lambda path, x: saved(path, x, "LA"), "of mode LA, not RGB"),
@@ -114,10 +114,10 @@ HARM: dict[str, tuple[Callable[[Path, Uint8], object], str]] = {
     "cut short": (cut, "a damaged image"),
     "many pixels": (lambda path, x: bomb(path, 6000, 6000), f"at most {MAX_PIXELS}"),
     "very many pixels": (lambda path, x: bomb(path, 1 << 30, 1 << 30), "too many pixels"),
-    "no pixels": (lambda path, x: bomb(path, 0, 64), ""),
+    "no pixels": (lambda path, x: bomb(path, 0, 64), None),
     "many bytes": (lambda path, x: os.truncate(saved(path, x), MAX_BYTES + 1), "larger than"),
     "a pipe": (lambda path, x: os.mkfifo(path), "not a regular file"),
-    "a folder": (lambda path, x: path.mkdir(), ""),
+    "a folder": (lambda path, x: path.mkdir(), None),
 }
 
 

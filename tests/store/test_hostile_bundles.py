@@ -37,7 +37,7 @@ def path(store: Store, tmp_path: Path) -> Path:
     return tmp_path / "toy.zip"
 
 
-def refused(path: Path, tmp_path: Path, message: str) -> None:
+def refused(path: Path, tmp_path: Path, message: str | None = None) -> None:
     """Unpacking fails with one line, and writes nothing."""
     home = tmp_path / "victim"
     with pytest.raises(DataError, match=message) as caught:
@@ -86,7 +86,7 @@ def dropped(end: str) -> Change:
 
 
 def extra(found: Members) -> None:
-    found[-1][0].extra = b"\x01\x00\x00\x00"
+    found[-1][0].extra = b"\x77\x77\x00\x00"
 
 
 ZIPS: dict[str, tuple[Change, str]] = {
@@ -136,14 +136,14 @@ def test_a_hostile_bundle_is_refused(path: Path, tmp_path: Path, case: str) -> N
 @pytest.mark.parametrize("case", YAML)
 def test_hostile_yaml_as_an_index_is_refused(path: Path, tmp_path: Path, case: str) -> None:
     rewrite(path, replaced(INDEX, lambda _: YAML[case][0]))
-    refused(path, tmp_path, "")
+    refused(path, tmp_path)
 
 
 def test_a_bundle_cut_short_anywhere_is_refused(path: Path, tmp_path: Path) -> None:
     whole = path.read_bytes()
     for length in [0, 1, 21, 22, *range(100, len(whole), 251), len(whole) - 1]:
         path.write_bytes(whole[:length])
-        refused(path, tmp_path, "")
+        refused(path, tmp_path)
 
 
 def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(
@@ -196,6 +196,6 @@ def test_pipes_and_folders_are_refused_and_nothing_is_missing_input(tmp_path: Pa
     os.mkfifo(tmp_path / "pipe")
     refused(tmp_path / "pipe", tmp_path, "not a regular file")
     (tmp_path / "folder").mkdir()
-    refused(tmp_path / "folder", tmp_path, "")
+    refused(tmp_path / "folder", tmp_path)
     with pytest.raises(MissingInputError, match="no such file"):
         unpack(tmp_path / "none.zip", Store(tmp_path / "victim"))
