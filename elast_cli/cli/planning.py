@@ -73,19 +73,14 @@ class Scene:
             return problem.of_scenario(job, level, self.scenario or 0)
         scene = (self.level, self.scenario, self.scenario_seed)
         if any(value is not None for value in scene):
-            raise UsageError(
-                "images stand for a scenario: leave out --level and --scenario"
-            )
+            raise UsageError("images stand for a scenario: leave out --level and --scenario")
         return problem.of_images(job, self.start or [], self.goal or [], self.context_image)
 
 
-@takes(PlanInputs, Scene, Searching, Lineage, Running)
-def plan(
-    inputs: PlanInputs,
-    scene: Scene,
-    searching: Searching,
-    lineage: Lineage,
-    running: Running,
+@dataclass(frozen=True)
+class Source:
+    """Where the models come from: a store, or a bundle."""
+
     env: Annotated[
         str | None,
         typer.Option(
@@ -94,21 +89,66 @@ def plan(
             help="Environment; a bundle names its own.",
             autocompletion=completion.environments,
         ),
-    ] = None,
+    ] = None
     method: Annotated[
         str | None,
         typer.Option(
             help="A method that grows a tree; default: elast, or that of the bundle.",
             autocompletion=completion.growing_trees,
         ),
-    ] = None,
+    ] = None
     models: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="A bundle to unpack and to plan with: parts, preset, seed and settings.",
         ),
-    ] = None,
+    ] = None
+
+    def job(
+        self,
+        lineage: Lineage,
+        running: Running,
+        extra: list[Override],
+        parts: dict[str, str | None],
+    ) -> tuple[Job, str]:
+        """The job and the method.
+
+        Args:
+            lineage: preset, overrides, seed; of a bundle's, `--set` alone counts.
+            running: how to run.
+            extra: what other flags override.
+            parts: refs of single parts.
+        """
+        if self.models:
+            found = self._unpacked(self.models, parts, running)
+            return _bundled(found, lineage, running, extra), found.method
+        if self.env is None:
+            raise UsageError("--env or --models is needed; see: elast plan --help")
+        return job_of(self.env, lineage, running, extra, parts), self.method or METHOD
+
+    def _unpacked(self, path: Path, parts: dict[str, str | None], running: Running) -> Contents:
+        """What a bundle holds. Raises UsageError if other flags ask for something else."""
+        if running.dry_run:
+            raise UsageError(f"--dry-run writes nothing; first run: elast unbundle {path}")
+        if any(parts.values()):
+            raise UsageError("--models names all parts; leave flags of single parts out")
+        found = unpacked(path)
+        both = (("--env", self.env, found.env), ("--method", self.method, found.method))
+        for flag, asked, has in both:
+            if asked not in (None, has):
+                raise UsageError(f"{flag} {asked}: {path} is of {has}")
+        return found
+
+
+@takes(Source, PlanInputs, Scene, Searching, Lineage, Running)
+def plan(
+    source: Source,
+    inputs: PlanInputs,
+    scene: Scene,
+    searching: Searching,
+    lineage: Lineage,
+    running: Running,
 ) -> None:
     """Plan one scenario, or from image to image, and explain every edge of the plan."""
     from elast_cli.methods.table import method_named
@@ -119,33 +159,10 @@ def plan(
     if parts["context"] and not Ref.maybe(parts["context"]):
         raise UsageError(f"--context {parts['context']}: not a ref; an image: --context-image")
     extra = [*scene.overrides(), *searching.overrides()]
-    if models is None:
-        if env is None:
-            raise UsageError("--env or --models is needed; see: elast plan --help")
-        job = job_of(env, lineage, running, extra, parts)
-    else:
-        found = _unpacked(models, env, method, parts, running)
-        method = found.method
-        job = _bundled(found, lineage, running, extra)
-    name = method or METHOD
-    wanted = stage.recipe_job(job, name, scene.problem(job))
-    uses = ("env", "eval", *method_named(name).sections)
+    job, method = source.job(lineage, running, extra, parts)
+    wanted = stage.recipe_job(job, method, scene.problem(job))
+    uses = ("env", "eval", *method_named(method).sections)
     finish(wanted, running, unused(lineage, extra, uses), stage.document, stage.remark)
-
-
-def _unpacked(
-    path: Path, env: str | None, method: str | None, parts: dict[str, Any], running: Running
-) -> Contents:
-    """What a bundle holds. Raises UsageError if other flags ask for something else."""
-    if running.dry_run:
-        raise UsageError(f"--dry-run writes nothing; first run: elast unbundle {path}")
-    if any(parts.values()):
-        raise UsageError("--models names all parts; leave flags of single parts out")
-    found = unpacked(path)
-    for flag, asked, has in (("--env", env, found.env), ("--method", method, found.method)):
-        if asked not in (None, has):
-            raise UsageError(f"{flag} {asked}: {path} is of {has}")
-    return found
 
 
 def _bundled(found: Contents, lineage: Lineage, running: Running, extra: list[Override]) -> Job:

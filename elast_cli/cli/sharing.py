@@ -19,7 +19,7 @@ def bundle(
     ref: Annotated[str, typer.Argument(metavar="REF")],
     output: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The file; default: <env>-<method>.zip."),
+        typer.Option(metavar="FILE", help="The file; default: ENV-METHOD.zip."),
     ] = None,
     method: Annotated[
         str | None,

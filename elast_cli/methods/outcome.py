@@ -82,4 +82,4 @@ def _reason(plan: Plan, quantile: float | None) -> str:
         return REACHED
     if quantile is not None and quantile > GOAL_QUANTILE:
         return OUTSIDE
-    return EXHAUSTED if plan.exhausted and plan.exhausted[0] else SPENT
+    return EXHAUSTED if any(plan.exhausted()) else SPENT

@@ -97,7 +97,8 @@ class Plan:
         memory: what the planner gets back when it replans [B], or nothing.
         blocked: rows whose path does not arrive, and whose failed transitions closed places.
         nodes: of each row's tree or map [B]; 0 where none was grown, empty for other planners.
-        exhausted: whether each row's search found nothing new any more [B], or empty.
+        exhausted: asks whether each row's search found nothing new any more [B], or gives nothing;
+            a function, since the answer costs time.
     """
 
     states: Float32
@@ -108,7 +109,7 @@ class Plan:
     memory: Sequence[object] = ()
     blocked: Sequence[int] = ()
     nodes: Sequence[int] = ()
-    exhausted: Sequence[bool] = ()
+    exhausted: Callable[[], Sequence[bool]] = tuple
 
 
 def lengthened(x: Float32, length: int) -> Float32:

@@ -73,9 +73,15 @@ class ShootingPlanner:
         search: Search | None,
     ) -> Plan:
         """The plan of one path a row; `search` grew trees for the rows `due`."""
-        nodes, exhausted = np.zeros(len(paths), np.int64), np.zeros(len(paths), np.bool_)
+        nodes = np.zeros(len(paths), np.int64)
         if search:
-            nodes[due], exhausted[due] = search.forest.size, search.exhausted()
+            nodes[due] = search.forest.size
+
+        def exhausted() -> list[bool]:
+            asked = search.exhausted().tolist() if search else []
+            found = dict(zip(due.tolist(), asked, strict=True))
+            return [found.get(b, False) for b in range(len(paths))]
+
         longest = max(len(path.states) for path in paths)
         reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
         failed = query.failed or [np.empty(0, np.float32)] * len(paths)
@@ -88,7 +94,7 @@ class ShootingPlanner:
             memory=memory if self.tree.config.reuse.enabled else (),
             blocked=[b for b in due.tolist() if len(failed[b]) and not reached[b]],
             nodes=nodes.tolist(),
-            exhausted=exhausted.tolist(),
+            exhausted=exhausted,
         )
 
     def _continued(self, world: World, query: Query) -> list[Shot]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from elast_cli.config import JsonDict
@@ -61,17 +61,10 @@ def contents(
     recipe = manifest.recipe
     settings = [*_texts(ENV, recipe.config.get(ENV)), *overrides]
     config = presets.load(recipe.preset, ref.env, settings)
-    job = Job(
-        store,
-        ref.env,
-        recipe.preset,
-        config,
-        seed=recipe.seed,
-        given={ref.kind: ref},
-        progress=progress or Silent(),
-    )
-    parts = resolve(job.of_method(entry), entry.parts)
-    return _contents(manifest, entry, {**entry.settings(config), ENV: config.env}, parts)
+    job = Job(store, ref.env, recipe.preset, config, seed=recipe.seed, given={ref.kind: ref})
+    job = replace(job.of_method(entry), progress=progress or Silent())
+    sections = {**entry.settings(config), ENV: config.env}
+    return _contents(manifest, entry, sections, resolve(job, entry.parts))
 
 
 def _as_used(
@@ -120,9 +113,7 @@ def bundle(store: Store, found: Contents, path: Path, *, force: bool = False) ->
         UsageError: there is a file already, or the method has no parts.
     """
     if not found.parts:
-        raise UsageError(
-            f"method {found.method} has no learned parts to share"
-        )
+        raise UsageError(f"method {found.method} has no learned parts to share")
     if path.exists() and not force:
         raise UsageError(f"{path} exists; give --force, or another --output")
     if not path.parent.is_dir():

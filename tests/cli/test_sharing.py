@@ -52,7 +52,7 @@ def test_a_bundle_goes_from_one_store_to_another_and_back(
     monkeypatch.setenv("ELAST_HOME", str(models / "other"))
     assert cli.run(["unbundle", f"{ENV}-elast.zip"]) == 0
     refs = capsys.readouterr().out.split()
-    assert refs == [f"{ENV}/{kind}/v1" for kind in ("encoder", "ensemble", "density", "policy")]
+    assert refs == [f"{ENV}/{kind}/v1" for kind in ("density", "encoder", "ensemble", "policy")]
     assert cli.run(["bundle", POLICY, "--output", "again.zip", "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["file"], told["method"], told["seed"]) == ("again.zip", "elast", 0)

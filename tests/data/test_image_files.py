@@ -79,7 +79,9 @@ def bomb(path: Path, width: int, height: int) -> None:
     """A small PNG that says it is large."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">L", len(data)) + kind + data + struct.pack(">L", zlib.crc32(kind + data))
+        return (
+            struct.pack(">L", len(data)) + kind + data + struct.pack(">L", zlib.crc32(kind + data))
+        )
 
     head = chunk(b"IHDR", struct.pack(">LLBBBBB", width, height, 8, 2, 0, 0, 0))
     data = chunk(b"IDAT", zlib.compress(b"\0" * 1_000_000))
@@ -122,9 +124,7 @@ HARM: dict[str, tuple[Callable[[Path, Uint8], object], str | None]] = {
 
 
 @pytest.mark.parametrize("case", HARM)
-def test_what_is_no_picture_is_refused_in_one_line(
-    tmp_path: Path, noise: Uint8, case: str
-) -> None:
+def test_what_is_no_picture_is_refused_in_one_line(tmp_path: Path, noise: Uint8, case: str) -> None:
     harm, message = HARM[case]
     path = tmp_path / "a.png"
     harm(path, noise)

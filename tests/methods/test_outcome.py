@@ -27,7 +27,7 @@ def plan(*, reached: bool = False, exhausted: bool | None = None) -> Plan:
         length=np.array([2]),
         reached=np.array([reached]),
         cost=PlanCost.zero(1),
-        exhausted=() if exhausted is None else [exhausted],
+        exhausted=tuple if exhausted is None else lambda: [exhausted],
     )
 
 

@@ -78,8 +78,12 @@ def test_the_origin_of_a_part_is_kept_and_a_damaged_one_is_lost(
     assert found is not None
     assert found[0] == data
     assert origins.find(other, parent.model_copy(update={"digest": "0" * 64})) is None
+    encoder = Ref("block-s", "encoder", 1)
+    assert other.verify(encoder).ref == encoder
     (found[1] / "manifest.yaml").write_text("damaged")
     assert origins.find(other, parent) is None
+    with pytest.raises(DataError, match="its dataset block-s/dataset/v1 no longer exists"):
+        other.verify(encoder)
     assert other.gc() == []
 
 
@@ -107,7 +111,7 @@ def test_another_artifact_of_that_name_is_never_replaced(
 def test_a_part_whose_file_was_changed_is_not_bundled(store: Store, path: Path) -> None:
     _, encoder = chain(store)
     (store.path(encoder) / "content.bin").write_bytes(b"Content")
-    with pytest.raises(DataError, match="content.bin was changed"):
+    with pytest.raises(DataError, match=r"content\.bin was changed"):
         write_bundle(store, contents(encoder), path)
     assert not path.exists()
 

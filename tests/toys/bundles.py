@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile, ZipInfo
@@ -50,7 +51,8 @@ def rewrite(path: Path, change: Change) -> None:
     """Change the members of a zip; all else stays as elast writes it."""
     found = members(path)
     change(found)
-    with ZipFile(path, "w") as archive:
+    with ZipFile(path, "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of names that appear twice
         for info, content in found:
             archive.writestr(info, content, info.compress_type)
 

@@ -61,7 +61,7 @@ class GraphPlanner:
             memory=[search.verdicts for search in searches],
             blocked=[b for b, search in enumerate(searches) if search.failed and not reached[b]],
             nodes=[len(self.roadmap.latents)] * len(paths),
-            exhausted=[search.left > 0 for search in searches],
+            exhausted=lambda: [search.left > 0 for search in searches],
         )
 
 

@@ -181,7 +181,7 @@ class Search:
             memory=[reuse.remember(forest, b) for b in rows[:, 0]] if kept else (),
             blocked=[b for b in self.growth.transitions.failed if not reached[b]],
             nodes=forest.size.tolist(),
-            exhausted=self.exhausted().tolist(),
+            exhausted=lambda: self.exhausted().tolist(),
         )
 
     def exhausted(self) -> Bool:

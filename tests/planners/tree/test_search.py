@@ -502,7 +502,7 @@ def test_a_search_that_finds_nothing_new_is_exhausted_and_a_young_one_is_not(see
     search = grown(query, expansions=6000)
     assert search.exhausted()[0]
     plan = search.best_plan()
-    assert plan.exhausted == [True]
+    assert plan.exhausted() == [True]
     assert plan.nodes == search.forest.size.tolist()
 
 
