@@ -49,7 +49,7 @@ def read_image(path: str | Path) -> Uint8:
     """
     path = Path(path)
     content = read_regular(path, error=DataError, max_bytes=MAX_BYTES)
-    from PIL import Image, ImageOps
+    from PIL import Image, ImageOps, UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow's of large images: the limit here is lower
@@ -59,7 +59,7 @@ def read_image(path: str | Path) -> Uint8:
                 image.load()
                 ImageOps.exif_transpose(image, in_place=True)
                 return area_average(_coloured(image, path))
-        except (Image.UnidentifiedImageError, Image.DecompressionBombError) as reason:
+        except (UnidentifiedImageError, Image.DecompressionBombError) as reason:
             large = isinstance(reason, Image.DecompressionBombError)
             what = "too many pixels" if large else f"not an image ({', '.join(FORMATS)})"
             raise DataError(f"{path}: {what}") from None
