@@ -211,3 +211,16 @@ def test_the_folder_of_a_bundle_vanishes_with_the_agent(bundle: Path, tmp_path: 
     )
     subprocess.run([sys.executable, "-c", code], check=True)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_task_with_contexts_needs_the_image_of_an_episode() -> None:
+    param = elast.load(MODELS / "artifacts/block-param/policy/v1", overrides=FEW)
+    [scenario] = scenarios("block-param", "standard", seed=0, count=1)
+    frame, info = make("block-param").reset(options={"scenario": scenario})
+    with pytest.raises(UsageError, match="block-param needs a context image"):
+        param.begin(info["goal"])
+    with pytest.raises(UsageError, match=r"expected frames uint8 \[64, 64, 3\]"):
+        param.begin(info["goal"], info["context"][:32])
+    param.begin(info["goal"], info["context"])
+    assert param.act(frame).shape == (2,)
+    assert param.plan(frame, info["goal"], info["context"]).nodes > 1

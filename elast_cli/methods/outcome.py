@@ -23,7 +23,7 @@ _TEXTS = {
     REACHED: "the plan reaches the goal",
     OUTSIDE: "no plan: the training data have nothing like this goal",
     EXHAUSTED: "no plan: the search finds nothing new any more, and the goal is not reached",
-    SPENT: "no plan: the search spent its budget while it still found new states",
+    SPENT: "no plan: the search spent its budget before it reached the goal",
 }
 
 
