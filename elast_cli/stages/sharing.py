@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from elast_cli.config import JsonDict
+from elast_cli.config import JsonDict, validate
 from elast_cli.errors import DataError, MissingInputError, UsageError
 from elast_cli.methods.table import METHODS, Method, method_named
 from elast_cli.models.parts import DATASET, PARTS, imported, present
@@ -72,7 +72,10 @@ def _as_used(
 ) -> Contents:
     """The method, parts and settings of an evaluation or a plan."""
     ref, config = manifest.ref, manifest.recipe.config
-    entry = method_named(str(config["method"]))
+    name, sections = config.get("method"), config.get("sections")
+    if not isinstance(name, str) or not isinstance(sections, dict):
+        raise DataError(f"{ref}: its recipe has no method with settings")
+    entry = method_named(name)
     if method not in (None, entry.name):
         raise UsageError(f"{ref} is of method {entry.name}, not {method}; name a learned part")
     if overrides:
@@ -85,25 +88,22 @@ def _as_used(
         if found is None:
             raise DataError(f"{ref}: its {role} {recorded.ref} no longer exists")
         parts[role] = found
-    sections = config["sections"]
-    assert isinstance(sections, dict)
-    return _contents(manifest, entry, {**sections, ENV: config[ENV]}, parts)
+    return _contents(manifest, entry, {**sections, ENV: config.get(ENV)}, parts)
 
 
 def _contents(
     manifest: Manifest, method: Method, sections: JsonDict, parts: dict[str, Ref]
 ) -> Contents:
     recipe = manifest.recipe
-    return Contents.model_validate(
-        {
-            "env": recipe.env,
-            "method": method.name,
-            "preset": recipe.preset,
-            "seed": recipe.seed,
-            "sections": sections,
-            "parts": {kind: str(ref) for kind, ref in parts.items()},
-        }
-    )
+    found = {
+        "env": recipe.env,
+        "method": method.name,
+        "preset": recipe.preset,
+        "seed": recipe.seed,
+        "sections": sections,
+        "parts": {kind: str(ref) for kind, ref in parts.items()},
+    }
+    return validate(Contents, found, where=str(manifest.ref), error=DataError)
 
 
 def bundle(store: Store, found: Contents, path: Path, *, force: bool = False) -> None:
