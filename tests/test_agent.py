@@ -115,7 +115,8 @@ def test_stacks_of_frames_and_single_frames_give_the_same_actions(
     for stack, action in zip(stacks, single, strict=True):
         found = agent.act(stack)
         np.testing.assert_array_equal(found, action)
-        assert (found.dtype, found.shape) == (np.float32, (2,))
+        assert found.dtype == np.float32
+        assert found.shape == (2,)
         assert np.abs(found).max() <= 1
 
 

@@ -68,7 +68,7 @@ class Scene:
         """What these flags ask for, in the job's task."""
         from elast_cli.stages import problem
 
-        if self.start is self.goal is self.context_image is None:
+        if not (self.start or self.goal or self.context_image):
             level = self.level or job.task_info.hardest.name
             return problem.of_scenario(job, level, self.scenario or 0)
         scene = (self.level, self.scenario, self.scenario_seed)

@@ -82,7 +82,8 @@ def _tree_method(name: str) -> Method:
 
 def remark(store: Store, ref: Ref) -> str:
     """Whether a plan reaches its goal, and if not, why: one line for people."""
-    return str(document(store, ref)["plan"]["outcome"]["text"])
+    plan: Any = document(store, ref)["plan"]
+    return str(plan["outcome"]["text"])
 
 
 def _plan(
@@ -173,8 +174,8 @@ def _frames(job: Job, inputs: Mapping[str, Ref], rows: Int64) -> Uint8:
 
 def _captions(figures: JsonDict) -> tuple[str, str]:
     """The outcome of a plan, in two lines."""
-    reason = figures["outcome"]["reason"]
-    reached = "reached" if figures["reached"] else f"not reached: {reason}"
+    ended: Any = figures["outcome"]
+    reached = "reached" if figures["reached"] else f"not reached: {ended['reason']}"
     return (
         f"{figures['steps']} steps, goal {reached}",
         f"{figures['nodes']} nodes in {figures['seconds']:.1f} s",

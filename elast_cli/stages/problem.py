@@ -146,13 +146,13 @@ def of_images(
     if job.task_info.has_context != (context is not None):
         word = "needs" if context is None else "has no"
         raise UsageError(f"--context-image: {job.env} {word} context image")
-    frames = [stacked([read_image(path) for path in paths]) for paths in (start, goal)]
+    begin, end = (stacked([read_image(path) for path in paths]) for paths in (start, goal))
     seen = None if context is None else read_image(context)
-    images: JsonDict = {"start": _digest(frames[0]), "goal": _digest(frames[1])}
+    images: JsonDict = {"start": _digest(begin), "goal": _digest(end)}
     if seen is not None:
         images["context"] = _digest(seen)
     files: JsonDict = {"start": list(start), "goal": list(goal)}
-    views = Views(*frames, seen, derived_seed("plan", job.seed, 0), {"images": files})
+    views = Views(begin, end, seen, derived_seed("plan", job.seed, 0), {"images": files})
     title = f"{Path(start[-1]).name} to {Path(goal[-1]).name}"
     return Problem({"images": images}, title, lambda: views)
 
@@ -164,4 +164,4 @@ def stacked(frames: Sequence[Uint8]) -> Uint8:
 
 def _digest(frames: Uint8) -> str:
     """SHA-256 of frames, whatever the files that they came from."""
-    return hashlib.sha256(np.ascontiguousarray(frames)).hexdigest()
+    return hashlib.sha256(frames.tobytes()).hexdigest()
