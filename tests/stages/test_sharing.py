@@ -79,12 +79,13 @@ def test_only_the_folder_of_an_artifact_names_one(job: Job, home: Path) -> None:
 
 def test_contents_that_do_not_fit_their_method_are_refused(job: Job) -> None:
     found = sharing.contents(job.store, lineage(job)["policy"])
-    for change in (
+    changes: list[dict[str, object]] = [
         {"parts": {}},
         {"sections": {"env": {}}},
         {"method": "cpc-cem"},
         {"parts": {**found.parts, "graph": "block-s/graph/v1"}},
-    ):
+    ]
+    for change in changes:
         with pytest.raises(DataError, match="do not fit"):
             sharing.ready(job.store, found.model_copy(update=change))
     with pytest.raises(UsageError, match="unknown method 'x'"):
