@@ -18,6 +18,7 @@ FLOORS = (  # from the ground up; a part may import those of its own floor and o
     "control inference pictures",
     "methods",
     "stages",
+    "agent",
     "__main__ cli",
 )
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts.split()}

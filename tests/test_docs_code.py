@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import typer
 from gymnasium.utils.env_checker import check_env
+from PIL import Image
 from ruamel.yaml import YAML
 from torch import nn
 
@@ -116,6 +117,24 @@ def test_gymnasium_code_of_the_reference_runs() -> None:
         names: dict[str, Any] = {}
         exec(compile(block, "docs/reference/environments/index.md", "exec"), names)
         assert isinstance(names["env"], gymnasium.Env)
+
+
+def test_the_agent_of_the_reference_plans_and_acts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    [scenario] = scenarios("block-asym", "upstream", seed=0, count=1)
+    frame, info = registry.make("block-asym").reset(options={"scenario": scenario})
+    for name, pixels in (("start", frame), ("goal", info["goal"])):
+        Image.fromarray(pixels.repeat(3, 0).repeat(3, 1)).save(tmp_path / f"{name}.png")
+    (tmp_path / "docs").symlink_to(DOCS)
+    monkeypatch.chdir(tmp_path)
+    page = (DOCS / "reference/python-api.md").read_text()
+    [block] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(block, "docs/reference/python-api.md", "exec"), names)
+    assert names["action"].shape == (2,)
+    assert names["plan"].reached
+    assert capsys.readouterr().out.startswith("the plan reaches the goal")
 
 
 @pytest.fixture

@@ -54,6 +54,11 @@ def test_stepping_by_hand_reaches_the_goal_of_a_trained_controller() -> None:
     assert main_of("step_by_hand")(overrides=["planner.expansions=4000"])
 
 
+def test_an_agent_reaches_the_goal_by_images_alone() -> None:
+    agent = main_of("act_on_images")(MODELS / "policy/v1", overrides=["planner.expansions=4000"])
+    assert agent.method == "elast"
+
+
 def test_a_drawn_tree_goes_round_the_wall(tmp_path: Path) -> None:
     nodes, path = main_of("draw_a_tree")(tmp_path / "tree.png", expansions=4000)
     assert (tmp_path / "tree.png").stat().st_size > 10_000

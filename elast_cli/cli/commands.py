@@ -12,7 +12,6 @@ import typer
 from elast_cli.cli import completion
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, note, report, unused
 from elast_cli.cli.options import (
-    MAX_SEED,
     Env,
     Evaluating,
     Fitting,
@@ -27,6 +26,8 @@ from elast_cli.cli.options import (
     takes,
 )
 from elast_cli.cli.output import print_json, print_rich, print_text, show_data
+from elast_cli.cli.planning import plan
+from elast_cli.cli.sharing import bundle, unbundle
 from elast_cli.errors import UsageError
 from elast_cli.models.parts import DATASET, PARTS, Part, closure, word
 
@@ -44,7 +45,7 @@ def register(app: typer.Typer) -> None:
     app.command("run")(run_chain)
     app.command("ls")(list_artifacts)
     app.command("report")(write_report)
-    for command in (show, verify, compare, envs, methods, gc, doctor):
+    for command in (show, verify, compare, bundle, unbundle, envs, methods, gc, doctor):
         app.command()(command)
 
 
@@ -115,35 +116,6 @@ def train_baseline(
         return
     made = {role: str(ref) for role, ref in chain.make_models(job, wanted.parts).items()}
     print_json(made) if running.json else print_text("\n".join(made.values()))
-
-
-@takes(AllInputs, Searching, Lineage, Running)
-def plan(
-    env: Env,
-    inputs: AllInputs,
-    searching: Searching,
-    lineage: Lineage,
-    running: Running,
-    method: Annotated[
-        str,
-        typer.Option(help="A method that grows a tree.", autocompletion=completion.growing_trees),
-    ] = "elast",
-    level: Annotated[str | None, typer.Option(help="Level; default: the hardest.")] = None,
-    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Number of the scenario.")] = 0,
-    scenario_seed: Annotated[
-        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
-    ] = None,
-) -> None:
-    """Plan one scenario and explain every edge of the plan, as JSON and as a picture."""
-    from elast_cli.methods.table import method_named
-    from elast_cli.stages import plan as stage
-
-    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
-    extra += searching.overrides()
-    job = job_of(env, lineage, running, extra, asdict(inputs))
-    wanted = stage.recipe_job(job, method, level or job.task_info.hardest.name, scenario)
-    uses = ("env", "eval", *method_named(method).sections)
-    finish(wanted, running, unused(lineage, extra, uses), stage.document)
 
 
 @takes(Evaluating, AllInputs, Searching, Lineage, Running)

@@ -161,8 +161,17 @@ def finish(
     running: Running,
     notes: Sequence[str] = (),
     document: Callable[[Store, Ref], Any] | None = None,
+    remark: Callable[[Store, Ref], str] | None = None,
 ) -> None:
-    """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON."""
+    """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON.
+
+    Args:
+        wanted: the recipe job.
+        running: how to run.
+        notes: on stderr, once nothing is left to refuse.
+        document: what `--json` prints.
+        remark: a note on what was made.
+    """
     from elast_cli.cli.dry_run import show_stage
     from elast_cli.stages import estimate, inspect
 
@@ -171,6 +180,8 @@ def finish(
         show_stage(inspect.planned(wanted) | estimate.of(wanted).document(), json=running.json)
         return
     ref = wanted.carry_out()
+    if remark:
+        note(wanted.job, [remark(wanted.job.store, ref)])
     if running.json:
         print_json((document or inspect.made)(wanted.job.store, ref))
     else:

@@ -11,6 +11,7 @@ import numpy as np
 from elast_cli.config import JsonDict
 from elast_cli.methods.elast import planner
 from elast_cli.methods.loading import Models
+from elast_cli.methods.outcome import outcome
 from elast_cli.models.tensors import Array
 from elast_cli.planners.base import Plan, Query
 from elast_cli.planners.refined_tree import ShootingPlanner
@@ -62,8 +63,10 @@ def explain_plan(
     nodes = None if whole is not trees else path_to(forest, 0, int(search.best_nodes()[0][0]))
     states = plan.states[0, : plan.length[0]]
     near = _nearest(models, states)
+    ended = outcome(models, plan, query.goal)
     figures: JsonDict = {
         "reached": bool(plan.reached[0]),
+        "outcome": {**ended.document(), "text": ended.text},
         "path_by": "tree" if nodes else "shooting",  # or by π, where no tree could grow
         "steps": len(states) - 1,
         "seconds": seconds,

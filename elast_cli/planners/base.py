@@ -96,6 +96,9 @@ class Plan:
         cost: network calls of each row.
         memory: what the planner gets back when it replans [B], or nothing.
         blocked: rows whose path does not arrive, and whose failed transitions closed places.
+        nodes: of each row's tree or map [B]; 0 where none was grown, empty for other planners.
+        exhausted: asks whether each row's search found nothing new any more [B], or gives nothing;
+            a function, since the answer costs time.
     """
 
     states: Float32
@@ -105,6 +108,8 @@ class Plan:
     cost: PlanCost
     memory: Sequence[object] = ()
     blocked: Sequence[int] = ()
+    nodes: Sequence[int] = ()
+    exhausted: Callable[[], Sequence[bool]] = tuple
 
 
 def lengthened(x: Float32, length: int) -> Float32:

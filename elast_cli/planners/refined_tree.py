@@ -51,8 +51,8 @@ class ShootingPlanner:
         cost.transitions[:] = [path.transitions for path in paths]
         left = [self._ends_within(self.kept, paths[b], query, b) for b in range(rows)]
         due = np.flatnonzero(~np.array(left, np.bool_))
-        if len(due):
-            search = self.tree.grow(query.at(due))
+        search = self.tree.grow(query.at(due)) if len(due) else None
+        if search:
             cost.add(search.cost, due)
             for b, found in self._from_trees(world, search, due).items():
                 cost.transitions[b] += sum(path.transitions for path in found)
@@ -61,7 +61,7 @@ class ShootingPlanner:
             if self.tree.config.reuse.enabled:
                 for i, b in enumerate(due.tolist()):
                     memory[b] = reuse.remember(search.forest, i)
-        return self._as_plan(query, paths, cost, memory, due)
+        return self._as_plan(query, paths, cost, memory, due, search)
 
     def _as_plan(
         self,
@@ -70,8 +70,18 @@ class ShootingPlanner:
         cost: PlanCost,
         memory: Sequence[object],
         due: Int64,
+        search: Search | None,
     ) -> Plan:
-        """The plan of one path a row; `due` are the rows for which trees were grown."""
+        """The plan of one path a row; `search` grew trees for the rows `due`."""
+        nodes = np.zeros(len(paths), np.int64)
+        if search:
+            nodes[due] = search.forest.size
+
+        def exhausted() -> list[bool]:
+            asked = search.exhausted().tolist() if search else []
+            found = dict(zip(due.tolist(), asked, strict=True))
+            return [found.get(b, False) for b in range(len(paths))]
+
         longest = max(len(path.states) for path in paths)
         reached = np.array([path.gap <= self.tree.radii.goal for path in paths])
         failed = query.failed or [np.empty(0, np.float32)] * len(paths)
@@ -83,6 +93,8 @@ class ShootingPlanner:
             cost=cost,
             memory=memory if self.tree.config.reuse.enabled else (),
             blocked=[b for b in due.tolist() if len(failed[b]) and not reached[b]],
+            nodes=nodes.tolist(),
+            exhausted=exhausted,
         )
 
     def _continued(self, world: World, query: Query) -> list[Shot]:

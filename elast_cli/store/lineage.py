@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from elast_cli.errors import DataError, MissingInputError
+from elast_cli.store import origins
 from elast_cli.store.manifest import Parent, Ref
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ MAX_GENERATIONS = 32
 class LineageNode:
     """An artifact, the role it plays for its child ("" at the root), and its own parents.
 
-    `lost`: it does not exist; then its parents are not known.
+    `lost`: it does not exist; then its parents are not shown.
     """
 
     ref: Ref
@@ -40,7 +41,7 @@ def lineage(store: Store, ref: Ref, *, allow_lost: bool = False) -> LineageNode:
                     raise DataError(f"{child}: its {role} {named} closes a cycle")
                 parent = present(store, child, role, recorded)
                 if parent is None or parent in path:  # it cannot be its own ancestor
-                    if not allow_lost:
+                    if not allow_lost and not (parent is None and origins.find(store, recorded)):
                         raise DataError(f"{child}: its {role} {named} no longer exists")
                     found.append(LineageNode(named, role, (), lost=True))
                     continue

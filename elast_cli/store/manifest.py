@@ -185,10 +185,29 @@ def _intact(folder: Path, ref: Ref) -> tuple[bytes, str]:
         recorded = read_regular(folder / MANIFEST_DIGEST, error=DataError, max_bytes=1 << 10)
     except MissingInputError as reason:
         raise DataError(f"{ref}: incomplete: {reason}") from None
+    return content, _agreed(content, recorded, ref)
+
+
+def parse_manifest(content: bytes, recorded: bytes, ref: Ref) -> tuple[Manifest, str]:
+    """`read_manifest` of the bytes of both files.
+
+    Args:
+        content: of `manifest.yaml`.
+        recorded: of `manifest.yaml.sha256`.
+        ref: what it should be the manifest of.
+
+    Raises:
+        DataError: as there.
+    """
+    return _checked(content, ref), _agreed(content, recorded, ref)
+
+
+def _agreed(content: bytes, recorded: bytes, ref: Ref) -> str:
+    """The digest of a manifest. Raises DataError if another one was recorded."""
     digest = hashlib.sha256(content).hexdigest()
     if recorded != f"{digest}  {MANIFEST}\n".encode():
         raise DataError(f"{ref}: {MANIFEST} does not match {MANIFEST_DIGEST}; it was changed")
-    return content, digest
+    return digest
 
 
 @functools.lru_cache(maxsize=256)

@@ -90,7 +90,7 @@ class Run:
         _refuse_other_disk(self.staging, folder)
         with held(self.root, f"{self.recipe.env}.{self.recipe.kind}"):
             manifest = Manifest(
-                version=_next_version(folder),
+                version=next_version(folder),
                 recipe=self.recipe,
                 recipe_digest=self.recipe.digest,
                 parents=self.parents,
@@ -109,7 +109,7 @@ class Run:
         """Whether the staged files now are `v<N>`; not if something else got that name first."""
         write_manifest(self.staging, manifest)
         sync_folder(self.staging)
-        _record_version(folder, manifest.version)
+        record_version(folder, manifest.version)
         try:
             self.staging.rename(folder / f"v{manifest.version}")
         except OSError as reason:
@@ -138,7 +138,7 @@ def _refuse_other_disk(staging: Path, folder: Path) -> None:
         )
 
 
-def _next_version(folder: Path) -> int:
+def next_version(folder: Path) -> int:
     """One more than the highest version ever used here, even if it was removed since.
 
     Raises:
@@ -158,7 +158,7 @@ def _next_version(folder: Path) -> int:
     return version
 
 
-def _record_version(folder: Path, version: int) -> None:
+def record_version(folder: Path, version: int) -> None:
     """Record on disk that a version number is used."""
     with whole_file(folder / HIGHEST) as file:
         file.write(f"{version}\n".encode())

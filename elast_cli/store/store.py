@@ -6,6 +6,7 @@
         .staging/<recipe digest>.<uuid>/   files on their way to be published
         .locks/                            one lock per recipe and per kind
         .cache/                            what was computed from artifacts, to be found again
+        .lineage/                          manifests of ancestors that did not come with a bundle
 
 A stage uses it in one way:
 
@@ -194,11 +195,15 @@ class Store:
     def verify(self, ref: Ref) -> Manifest:
         """The manifest, after every file of the artifact and of all its ancestors was checked.
 
+        Of ancestors that did not come with a bundle, the manifest is enough.
+
         Raises:
             MissingInputError: there is no such artifact.
             DataError: names the file or parent that is missing, extra, changed or cyclic.
         """
         for node in postorder(self.lineage(ref)):
+            if node.lost:
+                continue
             manifest, digest = self._read(node.ref)
             folder = self.path(node.ref)
             present = {entry.name for entry in os.scandir(folder)}
@@ -214,8 +219,8 @@ class Store:
 
         Raises:
             MissingInputError: there is no such artifact.
-            DataError: a parent is another one than recorded, its own ancestor, or missing and that
-                is not allowed.
+            DataError: a parent is another one than recorded, its own ancestor, or missing without
+                a kept origin, and that is not allowed.
         """
         return lineage(self, ref, allow_lost=allow_lost)
 

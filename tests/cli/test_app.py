@@ -23,7 +23,7 @@ COMMANDS = [
     "eval",
     "run",
 ]
-COMMANDS += ["ls", "show", "verify", "compare", "gc", "doctor"]
+COMMANDS += ["ls", "show", "verify", "compare", "bundle", "unbundle", "gc", "doctor"]
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -86,7 +86,7 @@ def test_a_name_that_is_taken_by_others_is_passed_over(
     folder = store.home / "data/block-s/dataset"
     (folder / "v1").mkdir(parents=True)
     (folder / "v1" / "stranger").touch()
-    monkeypatch.setattr("elast_cli.store.run._next_version", lambda _: 1)
+    monkeypatch.setattr("elast_cli.store.run.next_version", lambda _: 1)
     assert publish(store, recipe()).version == 2
 
 

@@ -60,6 +60,8 @@ class GraphPlanner:
             cost=cost,
             memory=[search.verdicts for search in searches],
             blocked=[b for b, search in enumerate(searches) if search.failed and not reached[b]],
+            nodes=[len(self.roadmap.latents)] * len(paths),
+            exhausted=lambda: [search.left > 0 for search in searches],
         )
 
 
@@ -69,6 +71,7 @@ class LazySearch:
     Attributes:
         verdicts: of each edge of the map [E]: untested, passed, or rejected.
         failed: whether a transition failed in execution.
+        left: edges that may still be tested.
     """
 
     def __init__(
@@ -76,7 +79,7 @@ class LazySearch:
     ) -> None:
         self._map, self._row, self._transitions = planner.roadmap, row, transitions
         self._start, self._goal = query.start[row], query.goal[row]
-        self._left = planner.edge_tests
+        self.left = planner.edge_tests
         self.verdicts = _known(self._map, query, row)
         failed = query.failed[row] if query.failed else np.empty((0, 2, 0), np.float32)
         self.failed = len(failed) > 0
@@ -143,7 +146,7 @@ class LazySearch:
 
     def _usable(self) -> Bool:
         """The edges that paths may take [E]."""
-        least = UNTESTED if self._left > 0 else PASSED
+        least = UNTESTED if self.left > 0 else PASSED
         usable: Bool = (self.verdicts >= least) & self._open[self._map.target]
         return usable
 
@@ -175,7 +178,7 @@ class LazySearch:
         latents = self._map.latents
         passes = self._passes(latents[source[about]], latents[target[about]])
         self.verdicts[about] = np.where(passes, PASSED, REJECTED)
-        self._left -= len(about)
+        self.left -= len(about)
         return True
 
     def _slice(self, node: int) -> slice:

@@ -24,6 +24,7 @@ from elast_cli.planners.tree.transitions import Transitions
 from elast_cli.shapes import Bool, Int64
 
 CELLS_PER_RADIUS = 2  # of r_neigh, in the neighbour search
+NEW_GROUND = 0.01  # share of the later nodes beyond r_neigh that a tree without a frontier has
 ROOT_EXPANSIONS = 1000  # after which a tree that has not left its root stops
 
 
@@ -179,4 +180,25 @@ class Search:
             cost=self.cost,
             memory=[reuse.remember(forest, b) for b in rows[:, 0]] if kept else (),
             blocked=[b for b in self.growth.transitions.failed if not reached[b]],
+            nodes=forest.size.tolist(),
+            exhausted=lambda: self.exhausted().tolist(),
         )
+
+    def exhausted(self) -> Bool:
+        """Whether each tree has covered all that it can reach, without the goal [B].
+
+        The last quarter of its nodes then lies within r_neigh of the others, but for a few. A tree
+        that has not left its root has covered it, too. Fewer expansions than `ROOT_EXPANSIONS`
+        do not tell.
+        """
+        from scipy.spatial import cKDTree  # slow to import, and rarely used
+
+        forest, radius = self.forest, self.growth.radii.neighbor
+        covered = forest.nearest_distance > self.growth.radii.goal
+        covered &= self.done >= ROOT_EXPANSIONS
+        for b in np.flatnonzero(covered):
+            latent = forest.latent[b, : forest.size[b]]
+            early = len(latent) - len(latent) // 4
+            gap, _ = cKDTree(latent[:early]).query(latent[early:])
+            covered[b] = (gap > radius).sum() <= NEW_GROUND * len(gap)
+        return covered

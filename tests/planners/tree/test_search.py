@@ -490,3 +490,30 @@ def test_a_later_plan_stops_soon_after_it_has_reached_the_goal_and_a_first_one_d
     assert later.done < 5000
     early = grown(replace(query, memory=stunted.memory), expansions=later.done - 70, **config)
     assert not early.best_plan().reached.any()
+
+
+# ---- the frontier -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_search_that_finds_nothing_new_is_exhausted_and_a_young_one_is_not(seed: int) -> None:
+    query = replace(problems(1, seed), goal=np.full((1, 2), 5, np.float32))
+    assert not grown(query, expansions=200).exhausted()[0]
+    search = grown(query, expansions=6000)
+    assert search.exhausted()[0]
+    plan = search.best_plan()
+    assert plan.exhausted() == [True]
+    assert plan.nodes == search.forest.size.tolist()
+
+
+def test_a_search_that_cannot_leave_its_root_is_exhausted() -> None:
+    query = problems(1)
+    shut = replace(LIMITS, min_log_density=1e9)
+    assert grown(query, limits=shut, expansions=6000).exhausted()[0]
+    assert not grown(query, limits=shut, expansions=200).exhausted()[0]
+
+
+def test_a_search_that_arrives_is_not_exhausted() -> None:
+    search = grown(problems(1), expansions=3000)
+    assert search.best_nodes()[1][0]
+    assert not search.exhausted()[0]
