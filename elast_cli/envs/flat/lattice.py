@@ -38,8 +38,8 @@ class Lattice(Moves):
         A step that begins inside `stream`, its edge included, is displaced by `drift` as well.
 
         Args:
-            walls: rectangles that the point may not enter.
-            low: least coordinate of the point, on both axes.
+            walls: open rectangles that the point may not enter, in workspace widths.
+            low: least coordinate of the point on both axes, in the same unit, as all below.
             high: greatest coordinate, on both axes.
             step: longest displacement on an axis.
             cell: distance of two cells.
