@@ -52,7 +52,16 @@ class Controller(Protocol[S]):
         ...
 
     def act(self, state: S, frames: Uint8, running: Bool) -> tuple[Float32, S]:
-        """Actions [B,A] for frames [B,F,64,64,3]; rows that are not running cost nothing."""
+        """Actions [B,A] for frames [B,F,64,64,3]; rows that are not running cost nothing.
+
+        Args:
+            state: that of the step before, or of `begin`.
+            frames: the last F frames u8 [B,F,64,64,3], the newest last.
+            running: bool [B].
+
+        Returns:
+            f32 [B,A], and the state after this step.
+        """
         ...
 
 
@@ -67,6 +76,14 @@ class Estimator(Protocol[S]):
         """Latents [B,Z] of frames [B,F,64,64,3] that the last action [B,A] led to.
 
         There is no last action at the first step. A row's latent depends on that row alone.
+
+        Args:
+            state: that of the step before, or of `begin`.
+            frames: the last F frames u8 [B,F,64,64,3], the newest last.
+            last_action: f32 [B,A], or None at the first step.
+
+        Returns:
+            f32 [B,Z], and the state after this step.
         """
         ...
 

@@ -32,9 +32,15 @@ def collect_episode(
 
     It ends before `length` steps if the environment ends it.
 
+    Args:
+        env: the task; its generator is replaced.
+        seed: of the collection.
+        index: of the episode in it.
+        length: most steps.
+        policy: chooses actions f32 [A].
+
     Returns:
-        pixels u8 [T+1, 64, 64, 3], action f32 [T+1, A] whose last row is NaN, state f32 [T+1, S],
-        with T = length; context is the environment's raw image or None.
+        T + 1 rows with T ≤ `length`; see `Episode` for shapes and dtypes.
     """
     rng = generator("collect", seed, index)
     env.np_random = rng  # first for the start, then for the policy

@@ -61,7 +61,17 @@ class Follower(Protocol):
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
-        """Actions [B,A] at latents z [B,Z], and the routes with their progress."""
+        """Actions [B,A] at latents z [B,Z], and the routes with their progress.
+
+        Args:
+            route: plans of B rows.
+            z: latents f32 [B,Z].
+            goal: latents f32 [B,Z].
+            context: f32 [B,C]; C may be 0.
+
+        Returns:
+            f32 [B,A]; the controller clips it to [-1, 1].
+        """
         ...
 
     def spent(self, route: Route) -> Bool:
@@ -83,7 +93,10 @@ class TrackStates:
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
-        """Actions [B,A] by π towards each row's waypoint."""
+        """Actions [B,A] by π towards each row's waypoint.
+
+        Arguments as in `Follower.act`.
+        """
         rows = np.arange(len(z))
         window = route.progress[:, None] + np.arange(self.lookahead + 1)
         window = np.minimum(window, route.length[:, None] - 1)  # [B,L+1]
@@ -105,7 +118,10 @@ class PlayActions:
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
-        """The next planned action of each row [B,A]; zero past the end."""
+        """The next planned action of each row [B,A]; zero past the end.
+
+        Arguments as in `Follower.act`.
+        """
         rows, after = np.arange(len(z)), route.progress + 1
         left = (after < route.length)[:, None]
         actions = _padded(route.actions, max(1, route.actions.shape[1]))

@@ -35,7 +35,13 @@ class PlanLog:
         return cls(zero, no_time, no_time, zero, PlanCost.zero(rows))
 
     def add(self, plan: Plan, rows: Int64, seconds: float) -> PlanLog:
-        """With one more plan at each of `rows`; its wall time is shared evenly among them."""
+        """With one more plan at each of `rows`; its wall time is shared evenly among them.
+
+        Args:
+            plan: R plans.
+            rows: their episodes, i64 [R]; each at most once.
+            seconds: wall time of all R plans, s.
+        """
 
         def put(total: Any, value: Any) -> Any:
             total = total.copy()

@@ -41,6 +41,9 @@ class Random:
     def act(
         self, state: list[np.random.Generator], frames: Uint8, running: Bool
     ) -> tuple[Float32, list[np.random.Generator]]:
-        """A random action [B,A]."""
+        """A random action [B,A].
+
+        Arguments as in `Controller.act`.
+        """
         pairs = zip(self.walks, state, strict=False)
         return np.stack([walk.act(rng) for walk, rng in pairs]), state

@@ -44,7 +44,10 @@ class Reactive:
         return Aiming(goal, self.contexts(task.context, rows), estimate, PlanLog.empty(rows))
 
     def act(self, state: Aiming, frames: Uint8, running: Bool) -> tuple[Float32, Aiming]:
-        """Actions [B,A] towards the goals; calls are counted for running rows."""
+        """Actions [B,A] towards the goals; calls are counted for running rows.
+
+        Arguments as in `Controller.act`.
+        """
         seen, estimate = self.estimator.update(state.estimate, frames, None)
         action = np.clip(self.policy(seen, state.goal, state.context), -1, 1).astype(np.float32)
         log = state.log

@@ -91,7 +91,10 @@ class Replan:
         )
 
     def act(self, state: Following, frames: Uint8, running: Bool) -> tuple[Float32, Following]:
-        """Encode, replan the rows that are due, and follow."""
+        """Encode, replan the rows that are due, and follow.
+
+        Arguments as in `Controller.act`.
+        """
         z, estimate = self.estimator.update(state.estimate, frames, state.action)
         state = self._noticed(replace(state, estimate=estimate), z, running)
         due = running & ((state.age % self.every == 0) | self._stuck(state))

@@ -33,7 +33,13 @@ class ArrayCache:
         self.folder, self.most_bytes = folder, most_bytes
 
     def array(self, key: JsonDict, shape: tuple[int, ...], make: Callable[[], Float32]) -> Float32:
-        """The array of a key, of `shape`; `make` computes it unless it is there."""
+        """The array of a key, of `shape`; `make` computes it unless it is there.
+
+        Args:
+            key: everything that the numbers depend on, as JSON.
+            shape: of the array.
+            make: computes the array f32, in that shape.
+        """
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
         path = self.folder / f"{name}.f32"
         found = self._read(path, name, shape)

@@ -63,7 +63,18 @@ class Rows:
     def copy(
         self, columns: Mapping[str, h5py.Dataset], name: str, target: h5py.Dataset, first: int
     ) -> None:
-        """Copy a column of images to the rows of `target` from `first` on, chunk by chunk."""
+        """Copy a column of images to the rows of `target` from `first` on, chunk by chunk.
+
+        Args:
+            columns: of the file that is read.
+            name: of the column; images u8 [N,H,W,3], perhaps after a lead of blank rows.
+            target: a column u8 of the file that is written.
+            first: row of `target`; the lead is not copied.
+
+        Raises:
+            DataError: the column has another number of rows than the episodes, or a chunk is
+                damaged.
+        """
         source, size = columns[name], target.chunks[0]
         lead = len(source) - self.count
         self._check_lead(name, lead, most=CHUNK_ROWS - 1)
@@ -110,7 +121,13 @@ class Rows:
 
     @contextmanager
     def naming(self, name: str, start: int, stop: int) -> Iterator[None]:
-        """Turn what h5py raises for damaged data into a DataError that names column and rows."""
+        """Turn what h5py raises for damaged data into a DataError that names column and rows.
+
+        Args:
+            name: of the column.
+            start: the first row that is read.
+            stop: one past the last.
+        """
         try:
             yield
         except HDF5_ERRORS:

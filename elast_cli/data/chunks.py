@@ -116,7 +116,13 @@ def _values(column: h5py.Dataset, skipped: int, stored: bytes) -> NDArray[Any]:
 
 
 def read_rows(column: h5py.Dataset, start: int, stop: int) -> NDArray[Any]:
-    """The values of some rows, chunk by chunk. Raises OSError as `read_chunk` does."""
+    """The values of some rows, chunk by chunk. Raises OSError as `read_chunk` does.
+
+    Args:
+        column: of any type; its first axis is that of rows.
+        start: the first row.
+        stop: one past the last.
+    """
     size = column.chunks[0]
     first = start // size * size
     pieces = [read_chunk(column, at) for at in range(first, stop, size)]
@@ -129,7 +135,14 @@ def read_whole(column: h5py.Dataset) -> NDArray[Any]:
 
 
 def copy_chunk(source: h5py.Dataset, start: int, target: h5py.Dataset, place: int) -> None:
-    """Copy the stored chunk of images at row `start` to row `place`. Raises OSError if damaged."""
+    """Copy the stored chunk of images at row `start` to row `place`. Raises OSError if damaged.
+
+    Args:
+        source: a column u8 [N,H,W,3].
+        start: the chunk's first row in it.
+        target: a column with the same `storage`.
+        place: the chunk's first row there.
+    """
     skipped, stored = _stored(source, start)
     _values(source, skipped, stored)
     target.id.write_direct_chunk((place, 0, 0, 0), stored, skipped)

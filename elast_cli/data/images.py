@@ -69,6 +69,12 @@ class StoredImages:
     def __init__(self, file: OpenFile, name: str, rows: Rows, at: Int64 | None = None) -> None:
         """Take all rows of the column `name`, or those `at` [E].
 
+        Args:
+            file: holds the column, and stays open as long as this does.
+            name: of a column u8 [N,H,W,3].
+            rows: where the episodes lie.
+            at: i64 [E], rows of the column; then item i is the image at row at[i].
+
         Raises:
             DataError: the column has another number of rows than the episodes.
         """

@@ -184,6 +184,11 @@ def append(path: Path, out: NewColumns, first: int) -> None:
 
     Chunks of images that are the same in both are copied as they are stored, compressed.
 
+    Args:
+        path: of an untrusted file.
+        out: columns of the new file.
+        first: row of `out` for the file's first row.
+
     Raises:
         DataError: the file is unsafe, damaged or inconsistent; names the episode if it can.
         OSError: the disk has failed.

@@ -26,6 +26,14 @@ def write_shard(path: Path, episodes: Iterable[Episode], *, first_row: int = 0) 
 
     `first_row` is the row of their first one in the dataset; images are then cut into chunks as
     they are there, and `compact` need not compress them again.
+
+    Args:
+        path: of the new file; one that is there is replaced.
+        episodes: with numbers that follow each other.
+        first_row: at least 0.
+
+    Raises:
+        DataError: there are no episodes, or their rows have different shapes.
     """
     packed = _Packed(lead=first_row % CHUNK_ROWS)
     for episode in episodes:
@@ -87,6 +95,11 @@ class _Packed:
 
 def compact(shards: Sequence[Path], out: Path, *, attrs: layout.Attributes | None = None) -> None:
     """Write shards end to end into the new file `out`, byte for byte reproducibly.
+
+    Args:
+        shards: in order; the first begins with episode 0.
+        out: must not exist.
+        attrs: of the new file.
 
     Raises:
         DataError: a shard is damaged, of another shape, or not the one its place asks for.

@@ -18,7 +18,13 @@ class ForwardDynamics:
     members = 1
 
     def __init__(self, arrays: Arrays, action_size: int, device: str = "cpu") -> None:
-        """Take the tensors of h_f's network, and the size of actions."""
+        """Take the tensors of h_f's network, and the size of actions.
+
+        Args:
+            arrays: f32 by name, weights and biases of a network with ReLU.
+            action_size: A.
+            device: where to compute, in torch's terms.
+        """
         self._net = DenseNetwork.of(arrays, device)
         self._slopes = MeanSlopes(self._net.layers)
         self.latent_size, self.action_size = self._net.outputs, action_size
@@ -31,13 +37,18 @@ class ForwardDynamics:
         return dynamics
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """Next latent [M,Z] of h_f, and a variance [M] of 0."""
+        """Next latent [M,Z] of h_f, and a variance [M] of 0.
+
+        Arguments as in `Dynamics.step`.
+        """
         return z + self._net(self._inputs(z, action, row))[0], np.zeros(len(z), np.float32)
 
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
         """How the next latent of h_f moves with latent and action in scenario `row`: [M,Z,Z+A].
 
         The last bits of an item may depend on the others in its call.
+
+        Arguments as in `Dynamics.slopes`.
         """
         inputs = self._inputs(z, action, np.full(len(z), row))
         found = self._slopes(inputs, self.latent_size + self.action_size)

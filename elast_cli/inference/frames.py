@@ -20,7 +20,13 @@ class FrameEncoder:
     """φ on stacked frames, row by row independent. Only one that convolves needs torch."""
 
     def __init__(self, config: EncoderConfig, arrays: Arrays, device: str = "cpu") -> None:
-        """Take φ's configuration and its tensors."""
+        """Take φ's configuration and its tensors.
+
+        Args:
+            config: of the encoder.
+            arrays: its tensors by name: `net.…`, `mean`, `scale`, and `colours` if it whitens.
+            device: where to compute, in torch's terms.
+        """
         self.config, self.device = config, device
         self.arrays = arrays
         net = under(arrays, "net")
@@ -35,7 +41,11 @@ class FrameEncoder:
     def update(
         self, state: Uint8 | None, frames: Uint8, last_action: Float32 | None
     ) -> tuple[Float32, Uint8 | None]:
-        """Latents [B,Z] of frames [B,F,64,64,3], whatever was done before."""
+        """Latents [B,Z] of frames [B,F,64,64,3], whatever was done before.
+
+        Arguments as in `Estimator.update`; the state is context images u8 [B,64,64,3], or
+        None.
+        """
         return self(frames, state), state
 
     def __call__(self, frames: Uint8, context: Uint8 | None) -> Float32:
@@ -70,7 +80,16 @@ class FrameEncoder:
 
 
 def pooled_stacks(frames: Uint8, context: Uint8 | None, pool: int) -> Array:
-    """Frames [B,F,64,64,3] less context images [B,64,64,3], if any: float16 [B,F,3,S,S]."""
+    """Frames [B,F,64,64,3] less context images [B,64,64,3], if any: float16 [B,F,3,S,S].
+
+    Args:
+        frames: u8 [B,F,64,64,3].
+        context: u8 [B,64,64,3], or None.
+        pool: side of the squares of pixels that are averaged; S = 64 / pool.
+
+    Returns:
+        float16 in [0, 255], less the context image if there is one.
+    """
     features = pooled(frames.reshape(-1, *frames.shape[2:]), pool)
     features = features.reshape(*frames.shape[:2], *features.shape[1:])
     return features if context is None else features - pooled(context, pool)[:, None]

@@ -121,7 +121,15 @@ class LatentWorld:
         forward_model: Arrays | None = None,
         device: str = "cpu",
     ) -> None:
-        """Take trained parts; with the tensors of h_f, it alone predicts and variance is 0."""
+        """Take trained parts; with the tensors of h_f, it alone predicts and variance is 0.
+
+        Args:
+            ensemble: H_f and its support.
+            density: ψ.
+            policy: π.
+            forward_model: tensors of h_f's network by name.
+            device: where to compute, in torch's terms.
+        """
         sizes, self.width = density.spec.sizes, density.spec.net.width
         self.latent_size, self.action_size = sizes.latent, sizes.action
         self.feature_size = 2 * self.width + self.latent_size
@@ -156,7 +164,10 @@ class LatentWorld:
         return self.context[row] if size else np.empty((len(row), 0), np.float32)
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """Next latent [M,Z] and variance [M] of H_f (or of h_f, with variance 0)."""
+        """Next latent [M,Z] and variance [M] of H_f (or of h_f, with variance 0).
+
+        Arguments as in `Dynamics.step`.
+        """
         if self._single is not None:
             return self._single.step(z, action, row)
         scale = self._scale
@@ -164,7 +175,10 @@ class LatentWorld:
         return _moments(steps, scale.step, z)
 
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
-        """How the next latent of H_f (or of h_f) moves with latent and action [M,Z,Z+A]."""
+        """How the next latent of H_f (or of h_f) moves with latent and action [M,Z,Z+A].
+
+        Arguments as in `Dynamics.slopes`.
+        """
         if self._single is not None:
             return self._single.slopes(z, action, row)
         scale, context = self._scale, np.repeat(self.context[row : row + 1], len(z), axis=0)
@@ -181,7 +195,10 @@ class LatentWorld:
         return found
 
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
-        """ln p(target | source) [P] of index pairs into a feature table [N,E]."""
+        """ln p(target | source) [P] of index pairs into a feature table [N,E].
+
+        Arguments as in `World.log_density`.
+        """
         hidden, gap = _pair_hidden(features, source, target, self.width)
         log_ratio: Float32 = self._rest(hidden)[0, :, 0]
         if self._relative:
@@ -197,7 +214,10 @@ class LatentWorld:
         return any_within(self._cells[limit], z, limit)
 
     def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
-        """π's action [M,A] from z to z'."""
+        """π's action [M,A] from z to z'.
+
+        Arguments as in `World.act`. Actions lie in [-1, 1].
+        """
         return self._policy(z, z_next, self._contexts(row))
 
 

@@ -24,7 +24,11 @@ class PixelFrames:
     def update(
         self, state: Uint8 | None, frames: Uint8, last_action: Float32 | None
     ) -> tuple[Float32, Uint8 | None]:
-        """The last frames [B,F,3,S,S], whatever was done before."""
+        """The last frames [B,F,3,S,S], whatever was done before.
+
+        Arguments as in `Estimator.update`; the state is context images u8 [B,64,64,3], or
+        None.
+        """
         return self._seen(frames, state), state
 
     def _seen(self, frames: Uint8, context: Uint8 | None) -> Float32:

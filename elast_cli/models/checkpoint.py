@@ -38,6 +38,13 @@ class TrainingState:
     """
 
     def __init__(self, module: nn.Module, config: FitConfig, work: Path) -> None:
+        """Begin at step 0 with a new optimizer and schedule.
+
+        Args:
+            module: what is trained, on its device.
+            config: steps, learning rate and weight decay.
+            work: folder of the checkpoint.
+        """
         self.module, self.path = module, work / CHECKPOINT
         parameters = [p for p in module.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(

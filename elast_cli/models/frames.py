@@ -91,6 +91,11 @@ def collected(parts: Iterator[Tensor], count: int, setting: Setting) -> Frames:
     """Preprocessed images [M,3,S,S] that come part by part, `count` in all, for taking batches.
 
     They are held on the training's device, else in memory, else in a scratch file.
+
+    Args:
+        parts: images [M,3,S,S] in order, at least one part; all have one dtype.
+        count: of all images.
+        setting: device, folder, and the memory that images may use.
     """
     first = next(parts)
     parts = chain([first], parts)
@@ -113,6 +118,15 @@ def _place(size: int, setting: Setting) -> torch.device | None:
 
 
 def image_features(images: Images, net: PooledImages, setting: Setting) -> Frames:
-    """Images u8 [N,64,64,3] as `net` takes them."""
+    """Images u8 [N,64,64,3] as `net` takes them.
+
+    Args:
+        images: u8 [N,64,64,3].
+        net: preprocesses them.
+        setting: device, folder, and the memory that images may use.
+
+    Returns:
+        Preprocessed images float16 [N,3,S,S].
+    """
     parts = (net.preprocess(torch.from_numpy(block)) for _, block in blocks(images))
     return collected(parts, len(images), setting)

@@ -41,6 +41,14 @@ class Inputs:
         setting: Setting,
         outputs: Outputs | None = None,
     ) -> None:
+        """Remember what to read; nothing is read yet.
+
+        Args:
+            dataset: random interaction data.
+            folders: by kind, with files that were verified.
+            setting: seed and device.
+            outputs: cache of what parts make of the dataset, or None to keep nothing.
+        """
         self.dataset, self.folders, self.setting = dataset, folders, setting
         self.outputs = outputs
 

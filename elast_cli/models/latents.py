@@ -75,6 +75,18 @@ def fit_on_latents(
     """Run the training loop for one of the models on frozen latents.
 
     `loss` draws a batch of the size it is given; `validate` takes rows of held-out transitions.
+
+    Args:
+        kind: of the part; names its random stream and its progress bar.
+        module: what to train, on its device.
+        data: the dataset in latent space.
+        loss: takes a generator and a batch size; returns the loss and its parts, scalars.
+        validate: takes rows i64 of held-out transitions; returns metrics.
+        config: steps, batch size, rate, intervals.
+        setting: seed, folder, progress.
+
+    Returns:
+        Rows of metrics, see `fit.fit`.
     """
     check = data.check_rows()
     return fit(

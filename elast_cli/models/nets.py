@@ -16,12 +16,26 @@ class ForwardModel(nn.Module):
     """h_f: next latent as a residual, z + f(z, a, c)."""
 
     def __init__(self, latent_size: int, action_size: int, context_size: int, width: int) -> None:
+        """Build a network of two hidden layers.
+
+        Args:
+            latent_size: Z.
+            action_size: A.
+            context_size: C; 0 where a task has no context.
+            width: of the hidden layers.
+        """
         super().__init__()
         self.latent_size = latent_size
         self.net = mlp([latent_size + action_size + context_size, width, width, latent_size])
 
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
-        """[M,Z], [M,A], [M,C] -> [M,Z]."""
+        """Next latent [M,Z].
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A].
+            context: f32 [M,C].
+        """
         delta: Tensor = self.net(torch.cat([z, action, context], dim=1))
         return z + delta.float()
 
@@ -126,6 +140,13 @@ class EnsembleLinear(nn.Module):
     """`members` independent linear layers applied in one batched product: [E,M,in] -> [E,M,out]."""
 
     def __init__(self, members: int, n_in: int, n_out: int) -> None:
+        """Draw each layer's weights as those of a layer of its own.
+
+        Args:
+            members: number of layers, E.
+            n_in: inputs.
+            n_out: outputs.
+        """
         super().__init__()
         weight, bias = torch.empty(members, n_in, n_out), torch.empty(members, 1, n_out)
         for e in range(members):  # no `torch.stack`: on the meta device it imports torch._dynamo

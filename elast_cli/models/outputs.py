@@ -41,6 +41,13 @@ class Outputs:
         """What `net`, of the shape `config`, makes of the dataset: `make()`, or what it was.
 
         `of` names the view of the dataset, where one network has outputs for several.
+
+        Args:
+            net: the network; its weights and device are part of the key.
+            config: the network's shape.
+            shape: of the array.
+            make: computes the array f32, in that shape.
+            of: name of a view of the dataset.
         """
         device = next(net.parameters()).device
         key: JsonDict = {

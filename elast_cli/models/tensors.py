@@ -33,7 +33,13 @@ def floats(*shape: int) -> Want:
 
 
 def network(at: str, sizes: Sequence[int], members: int | None = None) -> Wanted:
-    """Those of `nets.mlp` of these sizes, or of as many `EnsembleLinear` layers."""
+    """Those of `nets.mlp` of these sizes, or of as many `EnsembleLinear` layers.
+
+    Args:
+        at: name of the network.
+        sizes: of all layers, from inputs to outputs.
+        members: number of networks; None: a single one, without that axis.
+    """
     found: Wanted = {}
     for i, (inner, outer) in enumerate(pairwise(sizes)):
         if members is None:

@@ -139,13 +139,30 @@ class Dynamics(Protocol):
     members: int
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """Next latent [M,Z] and its variance [M]."""
+        """Next latent [M,Z] and its variance [M].
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A]; those of the data lie in [-1, 1].
+            row: scenario of each item, i64 [M].
+
+        Returns:
+            f32 [M,Z] and f32 [M]. The variance is summed over dimensions, in latent units².
+        """
         ...
 
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
         """How the next latent moves with latent and action in scenario `row`: [M,Z,Z+A].
 
         The last bits of an item may depend on the others in its call.
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A].
+            row: the scenario of all items.
+
+        Returns:
+            f32 [M,Z,Z+A]; the last axis has the latent first, then the action.
         """
         ...
 
@@ -169,7 +186,16 @@ class World(Dynamics, Protocol):
         ...
 
     def log_density(self, features: Float32, source: Int64, target: Int64) -> Float32:
-        """ln p(target | source) [P] for index pairs into a table of features [N,E]."""
+        """ln p(target | source) [P] for index pairs into a table of features [N,E].
+
+        Args:
+            features: of nodes f32 [N,E], as `features` makes them.
+            source: rows of the table that transitions leave, i64 [P].
+            target: rows of the table that they lead to, i64 [P].
+
+        Returns:
+            f32 [P], in nats.
+        """
         ...
 
     def supported(self, z: Float32, limit: float) -> Bool:
@@ -177,7 +203,13 @@ class World(Dynamics, Protocol):
         ...
 
     def act(self, z: Float32, z_next: Float32, row: Int64) -> Float32:
-        """The policy's action [M,A] from z to z'."""
+        """The policy's action [M,A] from z to z'.
+
+        Args:
+            z: latents f32 [M,Z].
+            z_next: z', latents f32 [M,Z].
+            row: scenario of each item, i64 [M].
+        """
         ...
 
 

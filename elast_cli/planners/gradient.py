@@ -70,7 +70,16 @@ class GradientPlanner(LiftedPlanner):
 
 
 def gradient(problem: Problem, drafts: Drafts, config: GradientConfig) -> tuple[Float64, Float64]:
-    """Slopes of `objective` by latents [S,H+1,Z] and actions [S,H,A]; the start is fixed."""
+    """Slopes of `objective` by latents [S,H+1,Z] and actions [S,H,A]; the start is fixed.
+
+    Args:
+        problem: one row of a query.
+        drafts: S paths; latents are in median steps.
+        config: of the search; gives `gap_weight`.
+
+    Returns:
+        f64 [S,H+1,Z] and f64 [S,H,A].
+    """
     z, actions, size = drafts.states, drafts.actions, drafts.states.shape[2]
     pull = 2 * config.gap_weight * (z[:, 1:] - problem.predicted(z[:, :-1], actions))
     through = np.einsum("shzd,shz->shd", problem.slopes(z[:, :-1], actions), pull)
@@ -83,7 +92,10 @@ def gradient(problem: Problem, drafts: Drafts, config: GradientConfig) -> tuple[
 
 
 def objective(problem: Problem, drafts: Drafts, config: GradientConfig) -> Float64:
-    """Squared distances to the goal, plus `gap_weight` times squared gaps, of each draft [S]."""
+    """Squared distances to the goal, plus `gap_weight` times squared gaps, of each draft [S].
+
+    Arguments as in `gradient`. Squares are in median steps²; the result is f64.
+    """
     z = drafts.states
     gaps = np.square(z[:, 1:] - problem.predicted(z[:, :-1], drafts.actions)).sum((1, 2))
     ahead = np.square(drafts.ahead(problem)).sum((1, 2))

@@ -48,7 +48,14 @@ class Cells(NamedTuple):
 
 
 def empty_cells(rows: int, points: int, *, axes: Float64, side: float) -> Cells:
-    """Room for `points` in each of `rows`; `axes` [Z,D] may have fewer than two columns."""
+    """Room for `points` in each of `rows`; `axes` [Z,D] may have fewer than two columns.
+
+    Args:
+        rows: number of rows, B.
+        points: most points of a row, N.
+        axes: orthonormal directions f64 [Z,D]; the first two are used.
+        side: length of a cell's side, in the points' units.
+    """
     two = np.zeros((len(axes), AXES))
     two[:, : axes.shape[1]] = axes[:, :AXES]
     buckets = 1 << min(max(4, int(points).bit_length()), MOST_BUCKETS)
@@ -115,7 +122,14 @@ def _open_block(cells: Cells, b: int, key: int) -> int:
 
 @njit(nogil=True)
 def add(cells: Cells, points: Float32, first: Int64, last: Int64) -> None:
-    """Sort points [B,N,Z] with indices from first[b] up to last[b] into their cells."""
+    """Sort points [B,N,Z] with indices from first[b] up to last[b] into their cells.
+
+    Args:
+        cells: the grid, changed in place.
+        points: f32 [B,N,Z]; those with other indices are not read.
+        first: index of each row's first new point, i64 [B].
+        last: one past the index of each row's last new point, i64 [B].
+    """
     side = cells.side[0]
     for b in range(len(first)):
         for i in range(first[b], last[b]):

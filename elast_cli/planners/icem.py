@@ -60,6 +60,15 @@ def coloured(count: int, like: Tensor, beta: float, generator: Generator) -> Ten
     """Noise [K,H,A] of unit variance whose power falls with frequency as 1 / f^β (Timmer 1995).
 
     The lowest frequency, which is constant over the horizon, has the power of the next one.
+
+    Args:
+        count: number of samples, K.
+        like: a tensor [H,A], of which only the shape is used.
+        beta: exponent β of the spectrum, at least 0.
+        generator: of the random numbers.
+
+    Returns:
+        f32 [K,H,A].
     """
     import torch
 

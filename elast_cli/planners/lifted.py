@@ -54,12 +54,18 @@ class Counted:
         self.transitions = 0
 
     def step(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Float32]:
-        """Next latent [M,Z] and its variance [M]."""
+        """Next latent [M,Z] and its variance [M].
+
+        Arguments as in `Dynamics.step`.
+        """
         self.transitions += len(z) * self.members
         return self._dynamics.step(z, action, row)
 
     def slopes(self, z: Float32, action: Float32, row: int) -> Float32:
-        """How the next latent moves with latent and action: [M,Z,Z+A]."""
+        """How the next latent moves with latent and action: [M,Z,Z+A].
+
+        Arguments as in `Dynamics.slopes`.
+        """
         self.transitions += len(z) * self.members * (1 + self.latent_size)
         return self._dynamics.slopes(z, action, row)
 
@@ -183,6 +189,14 @@ def drafts(problem: Problem, guess: Float32, config: LiftedConfig) -> Drafts:
     Each is a rollout bent to the goal, evenly over the steps up to its arrival. The first is the
     rollout of the guess [H,A], the second a straight line with actions of 0. All others have random
     actions.
+
+    Args:
+        problem: one row of a query; its `rng` draws the actions.
+        guess: actions f32 [H,A] in [-1, 1], left of the previous plan.
+        config: of the search.
+
+    Returns:
+        S drafts, S = `config.starts`, with latents in median steps.
     """
     shape = config.starts, *guess.shape
     arrival = arrivals(problem, guess, config)
@@ -204,6 +218,14 @@ def arrivals(problem: Problem, guess: Float32, config: LiftedConfig) -> Int64:
 
     With `spread`, the guess arrives when its actions end. The others arrive at even distances
     between the fewest possible steps, each of twice the median length, and the horizon.
+
+    Args:
+        problem: one row of a query.
+        guess: actions f32 [H,A]; zeros at the end count as not planned.
+        config: of the search.
+
+    Returns:
+        i64 [S], each from 1 to H.
     """
     last = config.horizon
     if config.cost != "spread":
@@ -216,7 +238,16 @@ def arrivals(problem: Problem, guess: Float32, config: LiftedConfig) -> Int64:
 
 
 def correlated(rng: np.random.Generator, shape: tuple[int, ...], config: LiftedConfig) -> Float64:
-    """Noise [S,H,A] of unit variance, correlated from step to step."""
+    """Noise [S,H,A] of unit variance, correlated from step to step.
+
+    Args:
+        rng: of the random numbers.
+        shape: (S, H, A).
+        config: gives the correlation of successive steps.
+
+    Returns:
+        f64 [S,H,A].
+    """
     noise = rng.standard_normal(shape)
     fresh = np.sqrt(1 - config.noise_correlation**2)
     for t in range(1, shape[1]):

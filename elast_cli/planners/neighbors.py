@@ -168,6 +168,15 @@ def drop_copies(
     """Clear wanted [R,K] for queries nearer than `radius` to a point that is no costlier.
 
     The points cost [B,N], the queries new_cost [R,K]; the rest is as for `find_pairs`.
+
+    Args:
+        cells: the points.
+        rows: which row of the points each row of the queries belongs to, i64 [R].
+        queries: f32 [R,K,Z].
+        wanted: the queries to look at, bool [R,K]; changed in place.
+        radius: in the points' units.
+        cost: of the points, in steps, i32 [B,N].
+        new_cost: of the queries, in steps, i32 [R,K].
     """
     scratch = np.empty(BLOCK, np.float32)
     for r in range(len(rows)):
@@ -183,6 +192,14 @@ def any_within(cells: Cells, queries: Float32, radius: float) -> Bool:
     """Whether any point of the first row lies within `radius` of each query [M,Z]: [M].
 
     The query's own cell is looked at first: where there is one at all, it is most often there.
+
+    Args:
+        cells: the points; only row 0 is searched.
+        queries: f32 [M,Z].
+        radius: in the points' units.
+
+    Returns:
+        bool [M].
     """
     scratch = np.empty(BLOCK, np.float32)
     out = np.empty(len(queries), np.bool_)

@@ -177,7 +177,16 @@ def _actions_to(forest: Forest, i: int, node: int) -> Float32:
 
 
 def endings(forest: Forest, b: int, count: int) -> list[int]:
-    """Of tree b's nodes nearest to the goal in each band of depths the nearest ones, `count`."""
+    """Of tree b's nodes nearest to the goal in each band of depths the nearest ones, `count`.
+
+    Args:
+        forest: the trees.
+        b: index of the tree.
+        count: most nodes to return.
+
+    Returns:
+        Indices of nodes, the nearest to the goal first. The root is never among them.
+    """
     size = forest.size[b]
     band, distance = (forest.depth[b, :size] - 1) // BAND, forest.to_goal[b, :size]
     found = []

@@ -131,7 +131,13 @@ class Best:
         self.path = problem.start.expand(len(problem.guess) + 1, -1)
 
     def see(self, costs: Tensor, actions: Tensor, path: Tensor) -> None:
-        """Keep the cheapest of sequences [K,H,A] that lead through [K,H,Z], if none was cheaper."""
+        """Keep the cheapest of sequences [K,H,A] that lead through [K,H,Z], if none was cheaper.
+
+        Args:
+            costs: f32 [K], in latent units.
+            actions: f32 [K,H,A].
+            path: latents f32 [K,H,Z], without the start.
+        """
         import torch
 
         first = int(costs.argmin())

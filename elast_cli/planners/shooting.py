@@ -55,7 +55,18 @@ class Shot:
 def shots(
     world: World, starts: Float32, actions: Sequence[Float32], goals: Float32, rows: Int64
 ) -> list[Shot]:
-    """The paths from starts [P,Z] under actions [T,A] each, towards goals [P,Z], as they are."""
+    """The paths from starts [P,Z] under actions [T,A] each, towards goals [P,Z], as they are.
+
+    Args:
+        world: H_f of all scenarios.
+        starts: latents f32 [P,Z].
+        actions: f32 [T,A] for each path; T may differ.
+        goals: latents f32 [P,Z].
+        rows: scenario of each path, i64 [P].
+
+    Returns:
+        P paths; the calls of H_f are counted in them.
+    """
     found = roll(world, starts, actions, rows)
     return [
         Shot(
@@ -73,7 +84,17 @@ def shots(
 def roll(
     world: Dynamics, starts: Float32, actions: Sequence[Float32], rows: Int64
 ) -> list[Float32]:
-    """Latents [T+1,Z] of each path from starts [P,Z] under its actions [T,A], all side by side."""
+    """Latents [T+1,Z] of each path from starts [P,Z] under its actions [T,A], all side by side.
+
+    Args:
+        world: the dynamics of all scenarios.
+        starts: latents f32 [P,Z].
+        actions: f32 [T,A] for each path; T may differ.
+        rows: scenario of each path, i64 [P].
+
+    Returns:
+        f32 [T+1,Z] for each path, the start first.
+    """
     order = np.argsort([-len(acts) for acts in actions], kind="stable")
     lengths = np.array([len(actions[p]) for p in order])
     longest = int(lengths.max(initial=0))

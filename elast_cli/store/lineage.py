@@ -29,7 +29,13 @@ class LineageNode:
 
 
 def lineage(store: Store, ref: Ref, *, allow_lost: bool = False) -> LineageNode:
-    """The artifact and its ancestors; see `Store.lineage`."""
+    """The artifact and its ancestors; see `Store.lineage`.
+
+    Args:
+        store: has all of them.
+        ref: the artifact.
+        allow_lost: whether a missing parent is listed as lost and raises no error.
+    """
     parents: dict[Ref, tuple[LineageNode, ...]] = {}
 
     def visit(child: Ref, path: tuple[Ref, ...]) -> tuple[LineageNode, ...]:
@@ -54,6 +60,12 @@ def lineage(store: Store, ref: Ref, *, allow_lost: bool = False) -> LineageNode:
 
 def present(store: Store, child: Ref, role: str, recorded: Parent) -> Ref | None:
     """The parent that was recorded, or another version that is the same; None if it is lost.
+
+    Args:
+        store: where to look.
+        child: the artifact whose parent is sought, for errors.
+        role: of the parent, for errors.
+        recorded: ref and digest that the child's manifest has.
 
     Raises:
         DataError: there is another one in its place.

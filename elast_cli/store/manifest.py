@@ -168,6 +168,11 @@ def read_manifest(folder: Path, ref: Ref) -> tuple[Manifest, str]:
 def holds(folder: Path, ref: Ref, text: str) -> bool:
     """Whether a manifest holds some text: quick to tell, since nothing is parsed.
 
+    Args:
+        folder: of the artifact.
+        ref: its name, for errors.
+        text: what to look for in the bytes of the manifest.
+
     Raises:
         DataError: damaged, or not of a published artifact.
     """

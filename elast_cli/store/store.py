@@ -140,7 +140,14 @@ class Store:
     def latest(
         self, env: str, kind: str, *, where: Callable[[Manifest], bool], holding: str = ""
     ) -> Ref | None:
-        """The highest version whose manifest verifies, holds some text and fits `where`."""
+        """The highest version whose manifest verifies, holds some text and fits `where`.
+
+        Args:
+            env: the environment.
+            kind: of the artifact.
+            where: whether a verified manifest fits.
+            holding: text that a manifest must contain, to skip others quickly.
+        """
         for ref in reversed(self.refs(env, kind)):
             try:
                 if holds(self.path(ref), ref, holding) and where(self.manifest(ref)):
@@ -163,6 +170,13 @@ class Store:
 
         A second run of the same recipe waits for the first, after telling `on_wait`; `force`
         makes the artifact again. Disk errors in the block leave it as StorageError.
+
+        Args:
+            recipe: what is made, and from which parents' digests.
+            parents: refs by role, with the digests that the recipe has.
+            wait: whether to wait for the lock.
+            force: whether to make it again.
+            on_wait: takes a message, once, before waiting.
 
         Raises:
             BusyError: the lock is held and `wait` is false.

@@ -64,6 +64,11 @@ class BlockAsym(Block):
         A true step leads down it by at least the drift less the displacement. For states that are
         decoded, hence noisy: `before` lies in the stream by more than `tolerance`, and `after`
         lies up the stream from there by more than `tolerance`, in workspace widths.
+
+        Args:
+            before: state before the step, f32 [2].
+            after: state after it, f32 [2].
+            tolerance: in workspace widths.
         """
         drift = np.array(self._asym.drift)
         along = (np.asarray(after, dtype=np.float64) - before) @ drift / np.hypot(*drift)

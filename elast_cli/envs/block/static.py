@@ -110,7 +110,10 @@ class Block(SimulatedTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """A random scenario of a level, its shortest steps inside the level's bounds."""
+        """A random scenario of a level, its shortest steps inside the level's bounds.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
         draws = DrawLimit("scenario of that level", most=1000)

@@ -151,7 +151,10 @@ class Cable(SimulatedTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """Start and goal drawn independently, again if they are less than `apart` apart."""
+        """Start and goal drawn independently, again if they are less than `apart` apart.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         self._draw_walls(rng)
         draws = DrawLimit("start and goal so far apart", most=1000)

@@ -37,6 +37,15 @@ class Lattice(Moves):
 
         A step that begins inside `stream`, its edge included, is displaced by `drift` as well.
 
+        Args:
+            walls: open rectangles that the point may not enter, in workspace widths.
+            low: least coordinate of the point on both axes, in the same unit, as all below.
+            high: greatest coordinate, on both axes.
+            step: longest displacement on an axis.
+            cell: distance of two cells.
+            stream: where the drift acts; None: nowhere.
+            drift: displacement (x, y) of a step.
+
         Raises:
             ConfigError: if a length is not a multiple of the cell.
         """
@@ -92,7 +101,7 @@ def lattice(
     stream: Rect | None = None,
     drift: tuple[float, float] = (0.0, 0.0),
 ) -> Lattice:
-    """The lattice of a layout, kept for the next caller."""
+    """The lattice of a layout, kept for the next caller; arguments as in `Lattice.__init__`."""
     return Lattice(walls, low=low, high=high, step=step, cell=cell, stream=stream, drift=drift)
 
 

@@ -31,6 +31,14 @@ def rectangle(image: Floats, rect: Rect, colour: Colour) -> tuple[slice, slice, 
     """Rows, columns and content [h, w, 3] of `image` where a rectangle is painted over it.
 
     A pixel takes as much of the colour as the rectangle covers of it: exact, both are axis-aligned.
+
+    Args:
+        image: f64 [64, 64, 3], left as it is.
+        rect: in workspace widths.
+        colour: RGB, 0 to 255.
+
+    Returns:
+        Slices of rows and columns, and f64 [h, w, 3].
     """
     columns, across = _coverage(rect[0] * IMAGE_SIZE, rect[2] * IMAGE_SIZE)
     rows, down = _coverage((1 - rect[3]) * IMAGE_SIZE, (1 - rect[1]) * IMAGE_SIZE)
@@ -63,6 +71,12 @@ def capsules(image: Floats, ends: Floats, radii: Floats, colours: Floats) -> Flo
 
     Line k leads from `ends[k, :2]` to `ends[k, 2:]` (a disc where they are equal) and has its own
     radius and colour [3]. Its edge is as soft as that of a `chain`.
+
+    Args:
+        image: f64 [64, 64, 3], left as it is.
+        ends: (x, y) of both ends f64 [K, 4], in workspace widths.
+        radii: f64 [K], in workspace widths.
+        colours: RGB f64 [K, 3], 0 to 255.
     """
     size = image.shape[0]
     painted = image.copy()
@@ -88,10 +102,10 @@ def capsules(image: Floats, ends: Floats, radii: Floats, colours: Floats) -> Flo
 def chain(
     image: Floats, nodes: Floats, radius: float, head_radius: float, colours: Floats
 ) -> NDArray[np.uint8]:
-    """`image` f64 [64, 64, 3] with a round line through `nodes` [N, 2] over it, u8 [64, 64, 3].
+    """`image` f64 [64, 64, 3] with a line through `nodes` f64 [N, 2] over it, u8 [64, 64, 3].
 
-    `colours` [3, 3] are the line's at its first and last node, and that of a disc at the first. A
-    pixel takes a share that falls linearly from 1 to 0 within half a pixel of the shape's edge.
+    Lengths are in workspace widths. `colours` f64 [3, 3] are RGB, 0 to 255: of the line at its
+    first and last node, and of a disc at the first. Edges fade linearly over the width of a pixel.
     """
     size = image.shape[0]
     share, along = np.zeros((size, size)), np.zeros((size, size))

@@ -65,7 +65,13 @@ def check_lanes(thickness: tuple[float, float], lane: float) -> None:
 
 
 def check_cells(name: str, lengths: Iterable[float], cell: float) -> None:
-    """Raise ValueError unless lengths are multiples of a lattice cell."""
+    """Raise ValueError unless lengths are multiples of a lattice cell.
+
+    Args:
+        name: of the setting, for errors.
+        lengths: in workspace widths.
+        cell: length of a lattice cell.
+    """
     try:
         for length in lengths:
             count_cells(length, cell)
@@ -74,5 +80,12 @@ def check_cells(name: str, lengths: Iterable[float], cell: float) -> None:
 
 
 def whole_cells(rng: np.random.Generator, low: float, high: float, *, cell: float) -> float:
-    """A random multiple of `cell` in [low, high], each equally likely; both are multiples."""
+    """A random multiple of `cell` in [low, high], each equally likely; both are multiples.
+
+    Args:
+        rng: draws the number of cells.
+        low: least value.
+        high: greatest value.
+        cell: length of a cell, in the same unit.
+    """
     return round(int(rng.integers(round(low / cell), round(high / cell) + 1)) * cell, _DIGITS)

@@ -26,7 +26,14 @@ class Moves:
     def __init__(
         self, into: NDArray[np.uint8], least: NDArray[np.int64], *, low: float, cell: float
     ) -> None:
-        """Remember the moves; cell 0 is the place `low` on both axes."""
+        """Remember the moves; cell 0 is the place `low` on both axes.
+
+        Args:
+            into: u8 [n, n, DY, DX].
+            least: displacement (x, y) that index 0 stands for, in cells, i64 [2].
+            low: coordinate of cell 0.
+            cell: distance of two cells, in the same unit.
+        """
         self.into, self.least = into, least
         self.low, self.cell, self.size = low, cell, into.shape[0]
 
@@ -44,7 +51,14 @@ class Grid(Moves):
     """Moves over a grid of which some cells are free, each at constant velocity and sliding."""
 
     def __init__(self, free: NDArray[np.uint8], *, low: float, cell: float, reach: int) -> None:
-        """Compute every move by up to `reach` cells an axis among the cells `free` u8 [n, n]."""
+        """Compute every move by up to `reach` cells an axis among the cells `free` u8 [n, n].
+
+        Args:
+            free: which cells are free, y by rows, u8 [n, n].
+            low: coordinate of cell 0, on both axes.
+            cell: distance of two cells, in the same unit.
+            reach: cells of the longest displacement on an axis.
+        """
         self.free = free
         least = np.array([-reach, -reach], dtype=np.int64)
         super().__init__(_moves_between(free, reach), least, low=low, cell=cell)
@@ -91,7 +105,16 @@ def _moves_between(free: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
 def flood(
     into: NDArray[np.uint8], goal: NDArray[np.uint8], least: NDArray[np.int64]
 ) -> NDArray[np.int16]:
-    """Breadth-first search backwards from the goal cells: i16 [ny, nx]."""
+    """Breadth-first search backwards from the goal cells: i16 [ny, nx].
+
+    Args:
+        into: moves u8 [ny, nx, dy, dx], as in `Moves`.
+        goal: which cells are in the goal region, u8 [ny, nx].
+        least: least displacement (x, y), in cells, i64 [2].
+
+    Returns:
+        i16 [ny, nx], steps of each cell to the goal; -1 where there is no way.
+    """
     size = into.shape[0]
     steps = np.full((size, size), UNREACHABLE, dtype=np.int16)
     queue = np.empty(size * size, dtype=np.int32)

@@ -140,7 +140,10 @@ class PlanarArm(SimulatedTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """A random scenario of a level, in a layout of its own, its shortest steps in bounds."""
+        """A random scenario of a level, in a layout of its own, its shortest steps in bounds.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         least, most = rules.min_shortest or 0, rules.max_shortest or math.inf
         draws = DrawLimit("scenario of that level", most=1000)

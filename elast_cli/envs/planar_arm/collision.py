@@ -17,6 +17,13 @@ def collides(
     """Whether the second link meets an obstacle [M, 3]; none is in reach of the first.
 
     The base is the middle of the workspace.
+
+    Args:
+        first: angle of the first link against the x axis, rad.
+        second: angle of the second link against the first, rad.
+        lengths: of the links f64 [2], in workspace widths.
+        radius: of the links, in workspace widths.
+        obstacles: centre and radius (x, y, r) f64 [M, 3], in workspace widths.
     """
     ax = 0.5 + lengths[0] * np.cos(first)
     ay = 0.5 + lengths[0] * np.sin(first)
@@ -40,7 +47,20 @@ def turned(
     radius: float,
     obstacles: Floats,
 ) -> Floats:
-    """Angles [2] after so many equal turns [2], each by both joints, by one, or not at all."""
+    """Angles [2] after so many equal turns [2], each by both joints, by one, or not at all.
+
+    Args:
+        angles: f64 [2], rad.
+        turn: of each part f64 [2], rad.
+        parts: number of equal turns.
+        limit: greatest absolute angle, rad.
+        lengths: of the links f64 [2], in workspace widths.
+        radius: of the links, in workspace widths.
+        obstacles: centre and radius (x, y, r) f64 [M, 3], in workspace widths.
+
+    Returns:
+        f64 [2], rad.
+    """
     first, second = angles[0], angles[1]
     for _ in range(parts):
         both = min(max(first + turn[0], -limit), limit), min(max(second + turn[1], -limit), limit)
@@ -57,7 +77,14 @@ def turned(
 def free_cells(
     axis: Floats, lengths: Floats, radius: float, obstacles: Floats
 ) -> NDArray[np.uint8]:
-    """Which cells of joint space are free: u8 [n, n], the second joint by rows."""
+    """Which cells of joint space are free: u8 [n, n], the second joint by rows.
+
+    Args:
+        axis: angles of the cells f64 [n], rad, the same for both joints.
+        lengths: of the links f64 [2], in workspace widths.
+        radius: of the links, in workspace widths.
+        obstacles: centre and radius (x, y, r) f64 [M, 3], in workspace widths.
+    """
     free = np.zeros((axis.size, axis.size), dtype=np.uint8)
     for row in range(axis.size):
         for column in range(axis.size):

@@ -51,7 +51,10 @@ class Button(SawyerTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """A free start with the button out, and a goal as a press leaves it."""
+        """A free start with the button out, and a goal as a press leaves it.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         goal = self._pressed(rng)
         start = super().sample_start(rng)[0]

@@ -49,7 +49,10 @@ class Drawer(SawyerTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """A free start, and a goal as a push or a pull of at least `apart` leaves it."""
+        """A free start, and a goal as a push or a pull of at least `apart` leaves it.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         draws = DrawLimit("opening so far from the start's", most=1000)
         while True:

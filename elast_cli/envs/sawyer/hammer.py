@@ -109,7 +109,10 @@ class Hammer(SawyerTask):
     def sample_scenario(
         self, level: str, rng: np.random.Generator, *, index: int = 0, seed: int = 0
     ) -> Scenario:
-        """The hammer on the table and the hand elsewhere; a goal as a blow leaves it."""
+        """The hammer on the table and the hand elsewhere; a goal as a blow leaves it.
+
+        Arguments as in `DrawsScenarios.sample_scenario`.
+        """
         rules = self.task_info.level(level)
         goal = self._driven(rng)
         start = super().sample_start(rng)[0]

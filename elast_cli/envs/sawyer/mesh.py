@@ -33,6 +33,11 @@ class Mesh:
 def of_geom(model: mujoco.MjModel, geom: int, cell: float = CELL) -> Mesh:
     """The triangles of a geom; points of a stored mesh within a cell (m) are merged.
 
+    Args:
+        model: has the geom.
+        geom: its index.
+        cell: side of a cubic cell, m; box, ball and cylinder have no use for it.
+
     Raises:
         ValueError: if it is of a kind that is not drawn.
     """

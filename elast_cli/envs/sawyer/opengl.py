@@ -26,6 +26,11 @@ class OpenGlRenderer:
     def __init__(self, model: mujoco.MjModel, camera: CameraConfig, name: str) -> None:
         """Open a picture of 64x64 pixels.
 
+        Args:
+            model: what to draw; its visual settings are changed.
+            camera: place, target and field of view.
+            name: `egl` or `osmesa`.
+
         Raises:
             UnavailableError: if OpenGL is not there, or does not work.
         """

@@ -45,7 +45,14 @@ class RasterRenderer:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera: CameraConfig, samples: int
     ) -> None:
-        """Draw the fixed geoms of a state whose places are known."""
+        """Draw the fixed geoms of a state whose places are known.
+
+        Args:
+            model: the scene.
+            data: a state of it, after `mj_kinematics` or `mj_forward`.
+            camera: place, target and field of view.
+            samples: of a pixel, along each axis.
+        """
         self._turn, self._place = turn(camera), np.array(camera.place)
         up = self._turn[:, 2]
         self._drop, self._down = np.eye(3) - np.outer(up, up), -self._place[2] * up
@@ -134,6 +141,12 @@ def make_renderer(
     name: str, model: mujoco.MjModel, data: mujoco.MjData, camera: CameraConfig
 ) -> Renderer:
     """The renderer of that name; `data` is a state whose places are known.
+
+    Args:
+        name: `raster`, `egl` or `osmesa`.
+        model: the scene.
+        data: a state of it, after `mj_kinematics` or `mj_forward`.
+        camera: place, target and field of view.
 
     Raises:
         UnavailableError: if it needs an OpenGL that is not there.

@@ -34,6 +34,11 @@ THUMBNAIL = 8  # side of the images that context vectors are probed for
 def train(inputs: Inputs, section: ContextSection, setting: Setting) -> Trained:
     """The autoencoder, trained on one context image an episode.
 
+    Args:
+        inputs: the dataset, with context images u8 [E,64,64,3].
+        section: configuration.
+        setting: seed, device, folder.
+
     Raises:
         DataError: the dataset has no context images.
     """

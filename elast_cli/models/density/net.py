@@ -13,7 +13,14 @@ from elast_cli.models.nets import LatentScale, QuantileTable, mlp
 
 
 def nce_loss(log_model: Tensor, log_noise: Tensor, is_data: Tensor, noise_ratio: float) -> Tensor:
-    """Negative NCE objective (Eq. 2): scalar. Inputs [M] in nats; is_data bool [M]."""
+    """Negative NCE objective (Eq. 2): scalar.
+
+    Args:
+        log_model: ln p_m f32 [M], in nats.
+        log_noise: ln p_n f32 [M], in nats.
+        is_data: bool [M]; the others are noise.
+        noise_ratio: ν, noise for each item of data.
+    """
     margin = log_model - log_noise - math.log(noise_ratio)  # ln(m / (1 - m)), Eq. 1
     data = functional.softplus(-margin[is_data]).mean()
     noise = functional.softplus(margin[~is_data]).mean()
@@ -33,6 +40,13 @@ class TransitionDensity(nn.Module):
     """
 
     def __init__(self, config: DensityConfig, latent_size: int, context_size: int) -> None:
+        """Build the layers; scale and quantiles are set by training.
+
+        Args:
+            config: width, depth and noise.
+            latent_size: Z.
+            context_size: C; 0 where a task has no context.
+        """
         super().__init__()
         self.config = config
         self.latent_size = latent_size
@@ -74,11 +88,23 @@ class TransitionDensity(nn.Module):
         return out.squeeze(-1).float()
 
     def log_ratio(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        """G of Eq. 1, ln p_m - ln p_n [M], from [M,Z], [M,Z], [M,C]."""
+        """G of Eq. 1, ln p_m - ln p_n [M].
+
+        Args:
+            z: sources f32 [M,Z].
+            z_next: targets f32 [M,Z].
+            context: f32 [M,C].
+
+        Returns:
+            f32 [M], in nats.
+        """
         x = torch.cat([self.scale(z), (z_next - z) / self.noise_std(), context], dim=1)
         return self.log_ratio_from_hidden(self.first(x))
 
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data."""
+        """Log density ln p(z' | z, c) [M] in nats, relative to the noise if part of it is data.
+
+        Arguments as in `TransitionDensity.log_ratio`.
+        """
         ratio = self.log_ratio(z, z_next, context)
         return ratio if self.relative else ratio + self.log_noise(z, z_next)

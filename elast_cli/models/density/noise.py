@@ -116,6 +116,14 @@ class OtherContexts:
 
         A `share` of them are of other episodes, or fewer: a random one that does not fit is
         replaced by the row itself, as are all others.
+
+        Args:
+            rows: i64 [M].
+            share: of rows to replace, in [0, 1].
+            rng: draws the rows of other episodes.
+
+        Returns:
+            i64 [M].
         """
         if not share:
             return rows
@@ -128,6 +136,14 @@ class OtherContexts:
         """False transitions in the contexts of `rows` [M]: sources and targets, each [count,M,Z].
 
         Those that leave a latent leave that of the rows `places` [M].
+
+        Args:
+            places: i64 [M], rows that give latents.
+            rows: i64 [M], rows that give contexts.
+            rng: draws actions, contexts and transitions.
+
+        Returns:
+            Sources and targets, f32 [count,M,Z] each.
         """
         crossings, beyond = round(CROSSINGS * self.count), round(BEYOND * self.count)
         beyond = min(beyond, crossings)

@@ -23,7 +23,13 @@ ALIKE = 0.25  # of a median step: how near two ends count as the same; H_f errs 
 
 
 def train(inputs: Inputs, section: DensitySection, setting: Setting) -> Trained:
-    """ψ, trained on latents; where there are contexts, with the ensemble's help."""
+    """ψ, trained on latents; where there are contexts, with the ensemble's help.
+
+    Args:
+        inputs: the dataset, the encoder; where there are contexts, autoencoder and ensemble.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     ensemble = None
     if inputs.has("ensemble"):
         ensemble = inputs.part("ensemble", SupportedDynamics).ensemble
@@ -80,6 +86,15 @@ def train_density(
     """Train ψ by NCE (Eq. 2), then calibrate its threshold on held-out transitions.
 
     Where there are contexts, `ensemble` says where steps lead in others.
+
+    Args:
+        data: the dataset in latent space.
+        section: configuration.
+        setting: seed, device, folder.
+        ensemble: H_f; needed where noise comes from other contexts.
+
+    Raises:
+        ValueError: noise from other contexts is asked for without the ensemble.
     """
     seed_torch(setting.seed, "density")
     psi = TransitionDensity(section.net, data.z.shape[1], data.context.shape[1]).to(setting.device)

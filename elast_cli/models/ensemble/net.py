@@ -17,6 +17,14 @@ class DynamicsEnsemble(nn.Module):
     def __init__(
         self, config: EnsembleConfig, latent_size: int, action_size: int, context_size: int
     ) -> None:
+        """Build m networks with weights of their own.
+
+        Args:
+            config: number, width and depth of the networks.
+            latent_size: Z.
+            action_size: A.
+            context_size: C; 0 where a task has no context.
+        """
         super().__init__()
         self.config = config
         n_in = latent_size + action_size + context_size
@@ -28,7 +36,16 @@ class DynamicsEnsemble(nn.Module):
         self.variance_quantiles = QuantileTable()
 
     def members(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
-        """Every member's step in units of `scale.step`: [M,Z], ... or [E,M,Z], ... -> [E,M,Z]."""
+        """Every member's step in units of `scale.step`: [M,Z], ... or [E,M,Z], ... -> [E,M,Z].
+
+        Args:
+            z: latents f32 [M,Z], the same for all members, or [E,M,Z].
+            action: f32 [M,A] or [E,M,A].
+            context: f32 [M,C] or [E,M,C].
+
+        Returns:
+            f32 [E,M,Z], E = m.
+        """
         x = torch.cat([self.scale(z), action, context], dim=-1)
         if x.dim() == 2:
             x = x.expand(self.config.members, -1, -1)
@@ -38,13 +55,25 @@ class DynamicsEnsemble(nn.Module):
         return out.float()
 
     def forward(self, z: Tensor, action: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean next latent [M,Z] and the variance summed over dimensions [M], in latent units²."""
+        """Mean next latent [M,Z] and the variance summed over dimensions [M], in latent units².
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A].
+            context: f32 [M,C].
+
+        Returns:
+            f32 [M,Z] and f32 [M].
+        """
         steps = self.members(z, action, context) * self.scale.step
         spread = (steps - steps.mean(0)).square().sum(-1).mean(0)
         return z + steps.mean(0), spread
 
     def by_one_member(self, z: Tensor, action: Tensor, context: Tensor) -> Tensor:
-        """Next latent [M,Z], that of row i by member i mod m: for the price of a single network."""
+        """Next latent [M,Z], that of row i by member i mod m: for the price of a single network.
+
+        Arguments as in `DynamicsEnsemble.forward`.
+        """
         members = self.config.members
         more = torch.arange(len(z) + -len(z) % members, device=z.device) % max(1, len(z))
         parts = (x[more].unflatten(0, (-1, members)).transpose(0, 1) for x in (z, action, context))

@@ -22,6 +22,13 @@ class Support(nn.Module):
     states: Tensor
 
     def __init__(self, size: int, latent_size: int, state_size: int) -> None:
+        """Make room for the states; they are filled in after training.
+
+        Args:
+            size: number of states.
+            latent_size: Z.
+            state_size: S, of a true state.
+        """
         super().__init__()
         self.register_buffer("latents", torch.zeros(size, latent_size))
         self.register_buffer("rows", torch.zeros(size, dtype=torch.int64))
@@ -51,6 +58,15 @@ class SupportedDynamics(nn.Module):
         context_size: int,
         state_size: int,
     ) -> None:
+        """Build an untrained ensemble and an empty support.
+
+        Args:
+            config: of the networks, and the size of the support.
+            latent_size: Z.
+            action_size: A.
+            context_size: C; 0 where a task has no context.
+            state_size: S, of a true state.
+        """
         super().__init__()
         self.config = config
         self.ensemble = DynamicsEnsemble(config, latent_size, action_size, context_size)

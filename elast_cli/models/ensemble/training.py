@@ -15,12 +15,24 @@ from elast_cli.seeding import generator
 
 
 def train(inputs: Inputs, section: EnsembleSection, setting: Setting) -> Trained:
-    """H_f and its support, trained on latents."""
+    """H_f and its support, trained on latents.
+
+    Args:
+        inputs: the dataset, the encoder and, where there are contexts, the autoencoder.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     return train_ensemble(inputs.latents, section, setting)
 
 
 def train_ensemble(data: LatentData, section: EnsembleSection, setting: Setting) -> Trained:
-    """Train H_f's members, each on its own batches, then calibrate variance and support."""
+    """Train H_f's members, each on its own batches, then calibrate variance and support.
+
+    Args:
+        data: the dataset in latent space.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     seed_torch(setting.seed, "ensemble")
     size = min(section.net.support_size, len(data.train))
     config, sizes = section.net.model_copy(update={"support_size": size}), data.sizes

@@ -58,6 +58,14 @@ def fit_clone(
     """Train a policy in place: its curve and its metrics.
 
     `val_action_r2` is the share of the variance of held-out actions that the goal explains.
+
+    Args:
+        kind: of the part; names its random stream and its progress bar.
+        model: the policy, on its device.
+        train: transitions for training, and what predicts their actions.
+        check: the same for held-out transitions.
+        config: steps, rate, intervals.
+        setting: seed, folder, progress.
     """
     starts = check.hindsight.starts
     held_out = starts[:: max(1, len(starts) // VALIDATION_ROWS)][:VALIDATION_ROWS]

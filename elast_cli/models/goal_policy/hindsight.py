@@ -40,6 +40,14 @@ class Hindsight:
         """Goals [M] uniform over the later rows of the same episode.
 
         With `longest`, only the next `longest` rows count.
+
+        Args:
+            rows: i64 [M]; none is the last one of its episode.
+            rng: draws the goals.
+            longest: most steps to a goal.
+
+        Returns:
+            Rows i64 [M].
         """
         last = self.last[rows]
         if longest is not None:
@@ -50,6 +58,14 @@ class Hindsight:
         """Goals [M] a geometric number of steps ahead, or the last row if the episode ends before.
 
         The number k ≥ 1 has probability (1 - γ) γ^(k - 1), with γ the `discount`.
+
+        Args:
+            rows: i64 [M]; none is the last one of its episode.
+            rng: draws the goals.
+            discount: γ, in (0, 1).
+
+        Returns:
+            Rows i64 [M].
         """
         ahead = rng.geometric(1 - discount, size=len(rows))
         goals: Int64 = np.minimum(rows + ahead, self.last[rows])
@@ -60,6 +76,15 @@ class Hindsight:
 
         A random goal is any state that a transition of `starts` leads to. Its episode may have
         another context: then the goal may be one that nothing in this context leads to.
+
+        Args:
+            rows: i64 [M].
+            future: rows of later states, i64 [M].
+            mix: shares of the three kinds.
+            rng: draws the kinds and the random goals.
+
+        Returns:
+            Rows i64 [M].
         """
         kind = rng.choice(3, size=len(rows), p=np.array(mix.shares) / sum(mix.shares))
         goals: Int64 = np.choose(kind, [rows, future, self.rows(rng, len(rows)) + 1])

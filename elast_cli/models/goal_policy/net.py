@@ -17,12 +17,28 @@ class GoalPolicy(nn.Module):
     """
 
     def __init__(self, config: GoalNetConfig, sizes: Sizes, beside: int) -> None:
+        """Build the network; the scale is set by training.
+
+        Args:
+            config: width and depth.
+            sizes: of latents and actions.
+            beside: X, numbers given besides state and goal.
+        """
         super().__init__()
         self.config = config
         self.scale = LatentScale(sizes.latent)
         self.net = mlp(config.layers(2 * sizes.latent + beside, sizes.action))
 
     def forward(self, z: Tensor, goal: Tensor, beside: Tensor) -> Tensor:
-        """[M,Z], [M,Z], [M,X] -> mean action [M,A]."""
+        """Mean action [M,A] towards a goal.
+
+        Args:
+            z: latents f32 [M,Z].
+            goal: latents f32 [M,Z].
+            beside: context and what else is known, f32 [M,X].
+
+        Returns:
+            f32 [M,A] in [-1, 1].
+        """
         out: Tensor = self.net(torch.cat([self.scale(z), self.scale(goal), beside], dim=1))
         return torch.tanh(out.float())

@@ -15,12 +15,24 @@ from elast_cli.shapes import Int64
 
 
 def train(inputs: Inputs, section: GraphSection, setting: Setting) -> Trained:
-    """Training states, encoded by φ."""
+    """Training states, encoded by φ.
+
+    Args:
+        inputs: the dataset, the encoder and, where there are contexts, the autoencoder.
+        section: configuration.
+        setting: seed.
+    """
     return chosen_states(inputs.latents, section, setting)
 
 
 def chosen_states(data: LatentData, section: GraphSection, setting: Setting) -> Trained:
-    """Choose states from which a training transition starts, at most as many as configured."""
+    """Choose states from which a training transition starts, at most as many as configured.
+
+    Args:
+        data: the dataset in latent space.
+        section: configuration.
+        setting: seed.
+    """
     rng = generator("train", setting.seed, stream("graph"))
     config = section.net
     rows = chosen_rows(data.train.cpu().numpy(), config.nodes, config.stretch, rng)

@@ -15,6 +15,14 @@ class LocalPolicy(nn.Module):
     def __init__(
         self, config: PolicyConfig, latent_size: int, action_size: int, context_size: int
     ) -> None:
+        """Build a network of two hidden layers; scale and quantiles are set by training.
+
+        Args:
+            config: width.
+            latent_size: Z.
+            action_size: A.
+            context_size: C; 0 where a task has no context.
+        """
         super().__init__()
         self.config = config
         self.action_size = action_size
@@ -23,7 +31,16 @@ class LocalPolicy(nn.Module):
         self.round_trip_quantiles = QuantileTable()
 
     def forward(self, z: Tensor, z_next: Tensor, context: Tensor) -> Tensor:
-        """[M,Z], [M,Z], [M,C] -> action [M,A]."""
+        """Action [M,A] that leads from z to z'.
+
+        Args:
+            z: latents f32 [M,Z].
+            z_next: z', latents f32 [M,Z].
+            context: f32 [M,C].
+
+        Returns:
+            f32 [M,A] in [-1, 1].
+        """
         step = (z_next - z) / self.scale.step
         out: Tensor = self.net(torch.cat([self.scale(z), step, context], dim=1))
         return torch.tanh(out.float())

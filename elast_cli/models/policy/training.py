@@ -16,7 +16,14 @@ from elast_cli.models.policy.net import LocalPolicy
 
 
 def train(inputs: Inputs, section: PolicySection, setting: Setting) -> Trained:
-    """π, trained on latents and calibrated by the ensemble."""
+    """π, trained on latents and calibrated by the ensemble.
+
+    Args:
+        inputs: the dataset, the encoder, the ensemble and, where there are contexts, the
+            autoencoder.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     ensemble = inputs.part("ensemble", SupportedDynamics).ensemble
     return train_policy(inputs.latents, ensemble, section, setting)
 
@@ -24,7 +31,7 @@ def train(inputs: Inputs, section: PolicySection, setting: Setting) -> Trained:
 def train_policy(
     data: LatentData, ensemble: DynamicsEnsemble, section: PolicySection, setting: Setting
 ) -> Trained:
-    """Train π on one-step transitions, then calibrate the round trip through H_f."""
+    """Train π, then calibrate its round trip through H_f; arguments as in `train_density`."""
     seed_torch(setting.seed, "policy")
     sizes = data.z.shape[1], data.action.shape[1], data.context.shape[1]
     model = LocalPolicy(section.net, *sizes).to(setting.device)

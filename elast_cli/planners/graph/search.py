@@ -77,6 +77,14 @@ class LazySearch:
     def __init__(
         self, planner: GraphPlanner, transitions: Transitions, query: Query, row: int
     ) -> None:
+        """Prepare the search of one row; no edge is tested yet.
+
+        Args:
+            planner: gives the map, the radii and the number of edge tests.
+            transitions: tests edges and counts network calls.
+            query: the problems of all rows.
+            row: which of them to solve.
+        """
         self._map, self._row, self._transitions = planner.roadmap, row, transitions
         self._start, self._goal = query.start[row], query.goal[row]
         self.left = planner.edge_tests

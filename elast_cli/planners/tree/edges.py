@@ -57,6 +57,15 @@ def pick(forest: Forest, edges: Int32, gap: Float32, untried: Bool) -> tuple[Int
 
     Edges are given as (row, source, target) [3,P], their squared lengths as `gap` [P]. The chosen
     are marked as tried and returned, in order: rows, sources and targets.
+
+    Args:
+        forest: the trees; `offer` is scratch, and is left as it was.
+        edges: i32 [3,P].
+        gap: f32 [P], in latent units².
+        untried: bool [P], changed in place.
+
+    Returns:
+        i32 [Q] each, with Q ≤ P.
     """
     depth, offer = forest.depth, forest.offer
     row, source, target = edges
@@ -87,7 +96,17 @@ def pick(forest: Forest, edges: Int32, gap: Float32, untried: Bool) -> tuple[Int
 def ends(
     forest: Forest, row: Int32, source: Int32, target: Int32
 ) -> tuple[Float32, Float32, Int64]:
-    """Latents at both ends of edges (row, source, target) [P], each [P,Z], and the rows [P]."""
+    """Latents at both ends of edges (row, source, target) [P], each [P,Z], and the rows [P].
+
+    Args:
+        forest: the trees.
+        row: tree of each edge, i32 [P].
+        source: node that it leaves, i32 [P].
+        target: node that it leads to, i32 [P].
+
+    Returns:
+        f32 [P,Z] twice, and i64 [P].
+    """
     z = np.empty((len(row), forest.latent.shape[2]), np.float32)
     z_next = np.empty_like(z)
     for e in range(len(row)):
@@ -100,7 +119,18 @@ def ends(
 def flat(
     row: Int64 | Int32, source: Int32, target: Int64 | Int32, width: int, calls: Int64
 ) -> tuple[Int64, Int64]:
-    """Places of edges' ends [P] in a table of `width` for each row; counts them in calls [B]."""
+    """Places of edges' ends [P] in a table of `width` for each row; counts them in calls [B].
+
+    Args:
+        row: tree of each edge, i64 or i32 [P].
+        source: i32 [P].
+        target: i64 or i32 [P].
+        width: entries of the table for each row.
+        calls: i64 [B]; each edge adds 1 to its row, in place.
+
+    Returns:
+        Indices of sources and of targets, i64 [P] each.
+    """
     here, there = np.empty(len(row), np.int64), np.empty(len(row), np.int64)
     for e in range(len(row)):
         here[e], there[e] = row[e] * width + source[e], row[e] * width + target[e]
@@ -110,7 +140,13 @@ def flat(
 
 @njit(nogil=True)
 def count(calls: Int64, row: Int64, each: int) -> None:
-    """Add `each` to the calls [B] of every row that is named [M]."""
+    """Add `each` to the calls [B] of every row that is named [M].
+
+    Args:
+        calls: i64 [B], changed in place.
+        row: i64 [M]; a row may be named several times.
+        each: calls for each time that a row is named.
+    """
     for e in range(len(row)):
         calls[row[e]] += each
 
@@ -129,6 +165,17 @@ def lengths(x: Float32) -> Float32:
 
 @njit(nogil=True)
 def lands(landed: Float32, z_next: Float32, variance: Float32, radius: float, most: float) -> Bool:
-    """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M]."""
+    """Which of `landed` [M,Z] lie within `radius` of z' [M,Z] with a variance up to `most` [M].
+
+    Args:
+        landed: latents f32 [M,Z].
+        z_next: z', latents f32 [M,Z].
+        variance: of the predictions f32 [M], in latent units².
+        radius: in latent units.
+        most: greatest variance, in latent units².
+
+    Returns:
+        bool [M].
+    """
     near: Bool = lengths(landed - z_next) <= radius
     return near & (variance <= most)

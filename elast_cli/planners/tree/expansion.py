@@ -13,7 +13,13 @@ from elast_cli.shapes import Float32, Float64, Int64
 
 
 def expanded(growth: Growth, rows: Int64, draws: Float64) -> Batch:
-    """Candidates in the trees of `rows` [R], tested; from random numbers [R,K,6+A] in [0, 1)."""
+    """Candidates in the trees of `rows` [R], tested; from random numbers [R,K,6+A] in [0, 1).
+
+    Args:
+        growth: the trees and what they grow by; network calls are counted in it.
+        rows: trees to expand, i64 [R].
+        draws: f64 [R,K,6+A] in [0, 1); K nodes of each tree are expanded.
+    """
     batch = _proposed(growth, rows, draws)
     _test(growth, batch)
     return batch

@@ -61,6 +61,14 @@ def plant(
     """Trees of one node each, at `start` [B,Z] with features [B,E]; room for `nodes` in each.
 
     Room that no node has come to is not touched, so it costs no memory.
+
+    Args:
+        start: latents of the roots f32 [B,Z].
+        feature: of the roots f32 [B,E].
+        goal: latents f32 [B,Z].
+        nodes: most nodes of a tree, N.
+        extra: slots for the features of candidates, K.
+        actions: size of an action, A.
     """
     b, z = start.shape
     links = [np.empty((b, nodes), np.int32) for _ in range(5)]
@@ -139,7 +147,13 @@ def _note_goal(forest: Forest, b: int, i: int) -> None:
 
 @njit(nogil=True)
 def link(forest: Forest, b: int, parent: Int32) -> None:
-    """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal."""
+    """Hang the nodes of tree b from their parents [N], and find the one nearest to the goal.
+
+    Args:
+        forest: the trees, changed in place; tree b's latents must be set.
+        b: index of the tree.
+        parent: of each node i32 [N]; -1 where there is none, as at the root.
+    """
     for i in range(len(parent)):
         forest.child[b, i] = forest.offer[b, i] = NONE
     for i in range(len(parent)):
@@ -189,6 +203,14 @@ def rewire(
     """Offer the admissible edges (row, source, target) [P] in order, with their actions [P,A].
 
     Each that lowers the cost of its target at that moment is taken. Returns how many were.
+
+    Args:
+        forest: the trees, changed in place.
+        row: tree of each edge, i32 [P].
+        source: node that it leaves, i32 [P].
+        target: node that it leads to, i32 [P].
+        action: f32 [P,A].
+        admissible: bool [P].
     """
     taken = 0
     for e in range(len(row)):
@@ -204,7 +226,13 @@ def rewire(
 
 
 def path_to(forest: Forest, b: int, node: int) -> list[int]:
-    """Node indices from the root of tree b to `node`."""
+    """Node indices from the root of tree b to `node`.
+
+    Args:
+        forest: the trees.
+        b: index of the tree.
+        node: index of the last node.
+    """
     path = [node]
     while forest.parent[b, path[-1]] != NONE:
         path.append(int(forest.parent[b, path[-1]]))

@@ -50,7 +50,14 @@ def replanted(
 
 
 def budget(config: TreeConfig, radii: Radii, tree: Memory, goal: Float32) -> int:
-    """Expansions of a row: few where the tree that is there already reaches the goal [Z]."""
+    """Expansions of a row: few where the tree that is there already reaches the goal [Z].
+
+    Args:
+        config: of the search.
+        radii: in latent units.
+        tree: what is planted; one node where nothing was kept.
+        goal: latent f32 [Z].
+    """
     if len(tree.depth) == 1 or not reuse.reaches(tree, goal, radii.goal):
         return config.expansions
     return min(config.reuse.expansions, config.expansions)

@@ -40,14 +40,26 @@ class Memory:
 
 
 def alone(root: Float32, feature: Float32, actions: int) -> Memory:
-    """A tree of nothing but its root: latent [Z], feature [E]."""
+    """A tree of nothing but its root: latent [Z], feature [E].
+
+    Args:
+        root: latent f32 [Z].
+        feature: of the root f32 [E].
+        actions: size of an action, A.
+    """
     zero = np.zeros(1, np.int32)
     none = np.zeros((1, actions), np.float32)
     return Memory(root[None], feature[None], none, zero + NONE, zero, zero)
 
 
 def restore(forest: Forest, b: int, memory: Memory) -> None:
-    """Put a remembered tree, cheapest nodes first, in place of tree b; what has no room is left."""
+    """Put a remembered tree, cheapest nodes first, in place of tree b; what has no room is left.
+
+    Args:
+        forest: the trees, changed in place.
+        b: index of the tree to replace.
+        memory: the remembered tree.
+    """
     n = min(len(memory.depth), forest.capacity)
     forest.latent[b, :n] = memory.latent[:n]
     forest.feature[b, :n] = memory.feature[:n]
@@ -84,7 +96,13 @@ def first(memory: Memory, count: int) -> Memory:
 
 
 def reaches(memory: Memory, goal: Float32, radius: float) -> bool:
-    """Whether any node lies within `radius` of the goal [Z]."""
+    """Whether any node lies within `radius` of the goal [Z].
+
+    Args:
+        memory: the tree.
+        goal: latent f32 [Z].
+        radius: in latent units.
+    """
     return bool(lengths(memory.latent - goal).min() <= radius)
 
 
@@ -93,6 +111,12 @@ def fitted(memory: Memory, goal: Float32, radius: float, room: int) -> Memory:
 
     A tree that is too large is cut to its cheapest nodes. If these neither reach the goal [Z], to
     within `radius`, nor leave half of the room to grow in, only the root is kept.
+
+    Args:
+        memory: the tree, its cheapest nodes first.
+        goal: latent f32 [Z].
+        radius: in latent units.
+        room: most nodes.
     """
     kept = first(memory, room)
     if 2 * len(kept.depth) <= room or reaches(kept, goal, radius):
@@ -107,6 +131,14 @@ def closed(z: Float32, failed: Float32, radius: float) -> Bool:
     Execution that was at z, aimed at z' and did not move has learned that the way to z' is blocked.
     From one radius away from z on, and at least there, it is closed from all sides: obstacles
     rarely block a single point.
+
+    Args:
+        z: latents f32 [M,Z].
+        failed: start and aim of each transition, f32 [P,2,Z].
+        radius: in latent units.
+
+    Returns:
+        bool [M].
     """
     out = np.zeros(len(z), np.bool_)
     for p in range(len(failed)):
@@ -129,13 +161,28 @@ def closed(z: Float32, failed: Float32, radius: float) -> Bool:
 
 
 def without(memory: Memory, failed: Float32, radius: float) -> Memory:
-    """The tree with the edges into closed places cut; what they held hangs free."""
+    """The tree with the edges into closed places cut; what they held hangs free.
+
+    Args:
+        memory: the tree.
+        failed: start and aim of each failed transition, f32 [P,2,Z].
+        radius: of closed places, in latent units.
+    """
     cut = (memory.parent != NONE) & closed(memory.latent, failed, radius)
     return replace(memory, parent=np.where(cut, np.int32(NONE), memory.parent))
 
 
 def candidates(memory: Memory, root: Float32, radius: float) -> Int64:
-    """Nodes [M] of an old tree within `radius` of the new root [Z]: those it might connect to."""
+    """Nodes [M] of an old tree within `radius` of the new root [Z]: those it might connect to.
+
+    Args:
+        memory: the old tree.
+        root: latent f32 [Z].
+        radius: in latent units.
+
+    Returns:
+        i64 [M], in order.
+    """
     gap = memory.latent - root
     near: Int64 = np.flatnonzero(np.einsum("nz,nz->n", gap, gap) <= radius * radius)
     return near

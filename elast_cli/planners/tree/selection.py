@@ -63,6 +63,11 @@ def set_weight(sums: Float64, i: int, weight: float) -> None:
 
     Sums are added up anew and never corrected, so they depend on the weights alone and not on
     their history.
+
+    Args:
+        sums: f64 [2L] of one row, changed in place.
+        i: index of the leaf, which is that of a node.
+        weight: at least 0.
     """
     at = len(sums) // 2 + i
     sums[at] = weight
@@ -96,6 +101,17 @@ def choose(
 
     shares = (p_uniform, p_sparse): a uniform draw takes any of the `size` nodes [B], a sparse one
     goes by the weights; the rest goes to the node nearest to the goal [B].
+
+    Args:
+        sums: of weights f64 [B,2L], see `no_weights`.
+        rows: trees to expand, i64 [R].
+        size: number of nodes, i64 [B].
+        nearest: node nearest to the goal, i64 [B].
+        draws: f64 [R,K,≥2]; the first number picks the rule, the second the node.
+        shares: probabilities of a uniform and of a sparse draw; their sum is at most 1.
+
+    Returns:
+        i32 [R,K].
     """
     out = np.empty((draws.shape[0], draws.shape[1]), np.int32)
     for r in range(len(rows)):
@@ -130,7 +146,13 @@ def _weigh(sparsity: Sparsity, b: int, i: int) -> None:
 
 @njit(nogil=True)
 def admit(sparsity: Sparsity, first: Int64, last: Int64) -> None:
-    """Let nodes first[b] up to last[b] of each row be drawn."""
+    """Let nodes first[b] up to last[b] of each row be drawn.
+
+    Args:
+        sparsity: of the nodes, changed in place.
+        first: index of each row's first node to admit, i64 [B].
+        last: one past the index of its last one, i64 [B].
+    """
     for b in range(len(first)):
         for i in range(first[b], last[b]):
             _weigh(sparsity, b, i)
@@ -145,7 +167,14 @@ def _crowd_one(sparsity: Sparsity, b: int, i: int) -> None:
 
 @njit(nogil=True)
 def crowd_along(sparsity: Sparsity, edges: Int32, gap: Float32, limit: float) -> None:
-    """Count one more at the source of each (row, source, target) [3,P] with a gap [P] ≤ limit."""
+    """Count one more at the source of each (row, source, target) [3,P] with a gap [P] ≤ limit.
+
+    Args:
+        sparsity: of the nodes, changed in place.
+        edges: i32 [3,P].
+        gap: f32 [P].
+        limit: in the units of the gaps, which are squared lengths in the search.
+    """
     for e in range(len(gap)):
         if gap[e] <= limit:
             _crowd_one(sparsity, edges[0, e], edges[1, e])
@@ -153,7 +182,14 @@ def crowd_along(sparsity: Sparsity, edges: Int32, gap: Float32, limit: float) ->
 
 @njit(nogil=True)
 def crowd_rejected(sparsity: Sparsity, rows: Int64, alive: Bool, parent: Int32) -> None:
-    """Count one more at the parents [R,K] of the candidates that are not alive [R,K]."""
+    """Count one more at the parents [R,K] of the candidates that are not alive [R,K].
+
+    Args:
+        sparsity: of the nodes, changed in place.
+        rows: trees of the candidates, i64 [R].
+        alive: bool [R,K].
+        parent: node that each candidate comes from, i32 [R,K].
+    """
     for r in range(len(rows)):
         for k in range(parent.shape[1]):
             if not alive[r, k]:

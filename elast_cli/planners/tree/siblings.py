@@ -42,6 +42,12 @@ def drop_copies(latent: Float32, alive: Bool, cost: Int32, radius: float) -> Non
     """Clear alive [R,K] where an earlier live mate, nearer than `radius`, costs no more.
 
     Candidates lie at latents [R,K,Z] and cost [R,K]. Of copies that cost the same the first stays.
+
+    Args:
+        latent: f32 [R,K,Z].
+        alive: bool [R,K], changed in place.
+        cost: in steps, i32 [R,K].
+        radius: in latent units.
     """
     rows, width, size = latent.shape
     at, who = np.empty((size, width), np.float32), np.empty(width, np.int32)

@@ -32,6 +32,15 @@ class Transitions:
         failure_radius: float,
         cost: PlanCost,
     ) -> None:
+        """Take the world and the tests; every later call is counted in `cost`.
+
+        Args:
+            world: H_f, ψ, support and π of B scenarios.
+            limits: thresholds of the tests.
+            failed: f32 [M,2,Z] by row; rows without failures are left out.
+            failure_radius: in latent units.
+            cost: of the B rows, changed in place.
+        """
         self.world, self.limits, self.cost = world, limits, cost
         self.failed, self.failure_radius = failed, failure_radius
 
@@ -41,7 +50,16 @@ class Transitions:
         return self.limits.min_log_density > -np.inf
 
     def predict(self, z: Float32, action: Float32, row: Int64) -> tuple[Float32, Bool]:
-        """Where actions lead from z: [M,Z], and whether that is sure, finite and not closed [M]."""
+        """Where actions lead from z: [M,Z], and whether that is sure, finite and not closed [M].
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A].
+            row: scenario of each item, i64 [M].
+
+        Returns:
+            f32 [M,Z] and bool [M].
+        """
         z_new, variance = self.world.step(z, action, row)
         count(self.cost.transitions, row, self.world.members)
         sure = np.isfinite(z_new).all(-1) & (variance <= self.limits.max_variance)
@@ -57,7 +75,17 @@ class Transitions:
     def likely(
         self, forest: Forest, row: Int64 | Int32, source: Int32, target: Int64 | Int32
     ) -> Bool:
-        """Whether ψ finds edges (row, source, target) [P] of a forest likely: [P]."""
+        """Whether ψ finds edges (row, source, target) [P] of a forest likely: [P].
+
+        Args:
+            forest: the trees, for their features.
+            row: tree of each edge, i64 or i32 [P].
+            source: i32 [P].
+            target: i64 or i32 [P]; slots from N on are candidates.
+
+        Returns:
+            bool [P].
+        """
         table = forest.feature.reshape(-1, forest.feature.shape[2])
         width = forest.feature.shape[1]
         here, there = flat(row, source, target, width, self.cost.density_calls)
@@ -65,7 +93,16 @@ class Transitions:
         return likely
 
     def likely_from(self, b: int, feature: Float32, others: Float32) -> Bool:
-        """Whether ψ finds it likely to go from a node of row b to others: [E], [P,E] -> [P]."""
+        """Whether ψ finds it likely to go from a node of row b to others: [E], [P,E] -> [P].
+
+        Args:
+            b: row of all nodes.
+            feature: of the node, f32 [E].
+            others: features of the other nodes, f32 [P,E].
+
+        Returns:
+            bool [P].
+        """
         if not self.asks_density or not len(others):
             return np.ones(len(others), np.bool_)
         table = np.concatenate([feature[None], others])
@@ -84,7 +121,16 @@ class Transitions:
         return out
 
     def round_trip(self, z: Float32, z_next: Float32, row: Int64) -> tuple[Float32, Bool]:
-        """π's action from z to z' [M,A], and whether H_f under it surely leads there [M]."""
+        """π's action from z to z' [M,A], and whether H_f under it surely leads there [M].
+
+        Args:
+            z: latents f32 [M,Z].
+            z_next: z', latents f32 [M,Z].
+            row: scenario of each item, i64 [M].
+
+        Returns:
+            f32 [M,A] and bool [M].
+        """
         limits = self.limits
         action = self.world.act(z, z_next, row)
         count(self.cost.policy_calls, row, 1)

@@ -15,12 +15,24 @@ from elast_cli.shapes import Int64
 
 
 def train(inputs: Inputs, section: GcbcSection, setting: Setting) -> Trained:
-    """The policy, trained on latents."""
+    """The policy, trained on latents.
+
+    Args:
+        inputs: the dataset and the parts that this one needs.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     return train_gcbc(GoalData.of(inputs), section, setting)
 
 
 def train_gcbc(data: GoalData, section: GcbcSection, setting: Setting) -> Trained:
-    """Train the policy on goals uniform over the future of the same episode."""
+    """Train the policy on goals uniform over the future of the same episode.
+
+    Args:
+        data: the dataset in latent space, with hindsight goals.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     seed_torch(setting.seed, "gcbc")
     spec = GcbcSpec(sizes=data.latents.sizes, net=section.net)
     model = spec.build().to(setting.device)

@@ -16,7 +16,13 @@ from elast_cli.shapes import Int64
 
 
 def train(inputs: Inputs, section: GcidmSection, setting: Setting) -> Trained:
-    """The model, trained on latents."""
+    """The model, trained on latents.
+
+    Args:
+        inputs: the dataset and the parts that this one needs.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     return train_gcidm(GoalData.of(inputs), section, setting)
 
 
@@ -25,6 +31,11 @@ def train_gcidm(data: GoalData, section: GcidmSection, setting: Setting) -> Trai
 
     The network is given 1/h. At a constant speed, a goal h steps ahead takes steps of (z_g - z)/h,
     and so 1/h is what the action depends on.
+
+    Args:
+        data: the dataset in latent space, with hindsight goals.
+        section: configuration.
+        setting: seed, device, folder.
     """
     seed_torch(setting.seed, "gcidm")
     spec = GcidmSpec(sizes=data.latents.sizes, net=section.net)

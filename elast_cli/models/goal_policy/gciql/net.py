@@ -41,6 +41,13 @@ class GoalIql(nn.Module):
     """π, V(z, g, c), two Q(z, a, g, c), and slow averages of the latter as targets."""
 
     def __init__(self, policy: GoalPolicy, critic: GoalNetConfig, sizes: Sizes) -> None:
+        """Build V and both Q beside a policy; the targets are copies of the critics.
+
+        Args:
+            policy: π, which is trained with them; its scale standardises their inputs, too.
+            critic: width and depth of V and of each Q.
+            sizes: of latents, actions and contexts.
+        """
         super().__init__()
         self.policy = policy
         inputs = 2 * sizes.latent + sizes.context
@@ -49,22 +56,44 @@ class GoalIql(nn.Module):
         self.targets = deepcopy(self.critics).requires_grad_(False)
 
     def values(self, z: Tensor, goal: Tensor, context: Tensor) -> Tensor:
-        """V [M] of latents and goals [M,Z] in contexts [M,C]."""
+        """V [M] of latents and goals [M,Z] in contexts [M,C].
+
+        Args:
+            z: latents f32 [M,Z].
+            goal: latents f32 [M,Z].
+            context: f32 [M,C].
+
+        Returns:
+            f32 [M], estimates of minus the discounted number of steps to the goal.
+        """
         found: Tensor = self.value(self._inputs(z, goal, context))[0]
         return found
 
     def q(self, z: Tensor, action: Tensor, goal: Tensor, context: Tensor) -> Tensor:
-        """Both Q [2,M] of actions [M,A]."""
+        """Both Q [2,M] of actions [M,A].
+
+        Args:
+            z: latents f32 [M,Z].
+            action: f32 [M,A] in [-1, 1].
+            goal: latents f32 [M,Z].
+            context: f32 [M,C].
+        """
         found: Tensor = self.critics(self._inputs(z, goal, context, action))
         return found
 
     def target_q(self, z: Tensor, action: Tensor, goal: Tensor, context: Tensor) -> Tensor:
-        """Both Q [2,M] of the targets."""
+        """Both Q [2,M] of the targets.
+
+        Arguments as in `GoalIql.q`.
+        """
         found: Tensor = self.targets(self._inputs(z, goal, context, action))
         return found
 
     def fixed_q(self, z: Tensor, action: Tensor, goal: Tensor, context: Tensor) -> Tensor:
-        """Both Q [2,M], whose slopes go to the actions and not to the critics."""
+        """Both Q [2,M], whose slopes go to the actions and not to the critics.
+
+        Arguments as in `GoalIql.q`.
+        """
         weights: Mapping[str, Tensor] = {k: v.detach() for k, v in self.critics.named_parameters()}
         inputs = self._inputs(z, goal, context, action)
         found: Tensor = functional_call(self.critics, dict(weights), (inputs,))

@@ -44,14 +44,26 @@ def expectile_loss(excess: Tensor, expectile: float) -> Tensor:
 
 
 def value_loss(model: GoalIql, items: Aimed, config: IqlConfig) -> Tensor:
-    """V towards the expectile of the smaller target Q: scalar."""
+    """V towards the expectile of the smaller target Q: scalar.
+
+    Args:
+        model: V and the targets.
+        items: M transitions with goals for values.
+        config: gives the expectile.
+    """
     with torch.no_grad():
         q = model.target_q(items.z, items.action, items.goal, items.context).amin(0)
     return expectile_loss(q - model.values(items.z, items.goal, items.context), config.expectile)
 
 
 def critic_loss(model: GoalIql, items: Aimed, config: IqlConfig) -> Tensor:
-    """Both Q towards 0 at the goal, else towards -1 + γ V(z', g): scalar."""
+    """Both Q towards 0 at the goal, else towards -1 + γ V(z', g): scalar.
+
+    Args:
+        model: V and the critics.
+        items: M transitions with goals for values.
+        config: gives the discount γ.
+    """
     with torch.no_grad():
         following = model.values(items.z_next, items.goal, items.context)
         wanted = (config.discount * following - 1) * (~items.arrived)
@@ -61,6 +73,11 @@ def critic_loss(model: GoalIql, items: Aimed, config: IqlConfig) -> Tensor:
 
 def policy_loss(model: GoalIql, items: Aimed, config: IqlConfig) -> tuple[Tensor, Tensor]:
     """DDPG+BC: the smaller Q of the policy's action, in units of its mean size, and cloning.
+
+    Args:
+        model: the policy and the critics.
+        items: M transitions with goals for the policy.
+        config: gives the weight of cloning.
 
     Returns:
         The loss and the mean squared error of the actions: scalars.

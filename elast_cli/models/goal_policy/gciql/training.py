@@ -26,7 +26,13 @@ from elast_cli.shapes import Int64
 
 
 def train(inputs: Inputs, section: GciqlSection, setting: Setting) -> Trained:
-    """The policy, trained on latents."""
+    """The policy, trained on latents.
+
+    Args:
+        inputs: the dataset and the parts that this one needs.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     return train_gciql(GoalData.of(inputs), section, setting)
 
 
@@ -38,12 +44,21 @@ class Goals:
     config: IqlConfig
 
     def for_values(self, rows: Int64, of: Hindsight, rng: np.random.Generator) -> Aimed:
-        """Transitions at `rows` [M]; future goals are a geometric number of steps ahead."""
+        """Transitions at `rows` [M]; future goals are a geometric number of steps ahead.
+
+        Args:
+            rows: i64 [M], at which transitions start.
+            of: gives future and random goals, for training or for held-out episodes.
+            rng: draws the goals.
+        """
         future = of.soon(rows, rng, self.config.discount)
         return self._aimed(rows, of, future, self.config.value_goals, rng)
 
     def for_policy(self, rows: Int64, of: Hindsight, rng: np.random.Generator) -> Aimed:
-        """The same with future goals uniform over the rest of the episode."""
+        """The same with future goals uniform over the rest of the episode.
+
+        Arguments as in `Goals.for_values`.
+        """
         return self._aimed(rows, of, of.future(rows, rng), self.config.policy_goals, rng)
 
     def _aimed(
@@ -59,7 +74,18 @@ class Goals:
 def losses(
     model: GoalIql, goals: Goals, rows: Int64, of: Hindsight, rng: np.random.Generator
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """The sum of all objectives on the transitions at `rows` [M], and its parts."""
+    """The sum of all objectives on the transitions at `rows` [M], and its parts.
+
+    Args:
+        model: all networks.
+        goals: draws goals.
+        rows: i64 [M], among the starts of `of`.
+        of: gives future and random goals, for training or for held-out episodes.
+        rng: draws the goals.
+
+    Returns:
+        A scalar, and scalars by name: `value`, `critic`, and `mse` of the policy's actions.
+    """
     aimed, config = goals.for_values(rows, of, rng), goals.config
     value, critic = value_loss(model, aimed, config), critic_loss(model, aimed, config)
     policy, error = policy_loss(model, goals.for_policy(rows, of, rng), config)
@@ -67,7 +93,13 @@ def losses(
 
 
 def train_gciql(data: GoalData, section: GciqlSection, setting: Setting) -> Trained:
-    """Train V, Q and the policy together; what is kept is the policy."""
+    """Train V, Q and the policy together; what is kept is the policy.
+
+    Args:
+        data: the dataset in latent space, with hindsight goals.
+        section: configuration.
+        setting: seed, device, folder.
+    """
     model, spec = untrained(data, section, setting)
     goals = Goals(data, section.iql)
 
@@ -88,7 +120,13 @@ def train_gciql(data: GoalData, section: GciqlSection, setting: Setting) -> Trai
 
 
 def untrained(data: GoalData, section: GciqlSection, setting: Setting) -> tuple[GoalIql, GciqlSpec]:
-    """The networks before the first step, and what is stored of the policy."""
+    """The networks before the first step, and what is stored of the policy.
+
+    Args:
+        data: gives sizes and scale.
+        section: configuration.
+        setting: seed and device.
+    """
     seed_torch(setting.seed, "gciql")
     sizes = data.latents.sizes
     spec = GciqlSpec(sizes=sizes, net=section.net)

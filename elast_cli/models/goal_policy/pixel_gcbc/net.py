@@ -18,6 +18,13 @@ class PixelGoalPolicy(PooledImages):
     """
 
     def __init__(self, config: PixelGcbcConfig, action: int, context: int) -> None:
+        """Build convolutions and fully connected layers.
+
+        Args:
+            config: shape of the network.
+            action: size of an action, A.
+            context: size of a context vector, C; 0 where a task has none.
+        """
         super().__init__(config.pool, whiten=config.whiten)
         self.config = config
         self.body = convolutions(config.images, config.conv_channels)

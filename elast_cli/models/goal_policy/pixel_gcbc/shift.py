@@ -24,6 +24,15 @@ def shifted(images: Tensor, offsets: Int64) -> Tensor:
 
 
 def random_offsets(rng: np.random.Generator, count: int, config: ShiftConfig) -> Int64:
-    """Offsets [count,2] in pixels, uniform up to the largest; zero for the rest of the batch."""
+    """Offsets [count,2] in pixels, uniform up to the largest; zero for the rest of the batch.
+
+    Args:
+        rng: draws them.
+        count: items of the batch.
+        config: largest offset, and the share of items that are shifted.
+
+    Returns:
+        i64 [count,2].
+    """
     offsets = rng.integers(-config.pixels, config.pixels + 1, size=(count, 2))
     return np.where(rng.random((count, 1)) < config.share, offsets, 0)

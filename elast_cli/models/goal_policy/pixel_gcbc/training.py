@@ -20,7 +20,7 @@ KIND = "pixel_gcbc"
 
 
 def train(inputs: Inputs, section: PixelGcbcSection, setting: Setting) -> Trained:
-    """The policy, trained on images and goals uniform over the future of the same episode."""
+    """The policy, trained on images and hindsight goals; arguments as in `gcbc.training.train`."""
     seed_torch(setting.seed, KIND)
     dataset, context = inputs.dataset, inputs.context.to(setting.device)
     sizes = {"action": dataset.action.shape[1], "context": context.shape[1]}
