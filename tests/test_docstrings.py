@@ -54,7 +54,9 @@ def functions(source: str, where: str) -> list[Function]:
     module = where.removesuffix(".py").replace("/", ".")
     tree = ast.parse(source)
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-    for holder in (tree, *(node for node in classes if not node.name.startswith("_"))):
+    public = [node for node in classes if not node.name.startswith("_")]
+    holders: list[ast.Module | ast.ClassDef] = [tree, *public]
+    for holder in holders:
         within = f"{module}.{holder.name}" if isinstance(holder, ast.ClassDef) else module
         for node in holder.body:
             if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

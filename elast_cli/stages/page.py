@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import JsonValue
+
 import elast_cli
 from elast_cli.config import JsonDict
 from elast_cli.envs.registry import spec
@@ -83,8 +85,8 @@ def document(store: Store, named: Sequence[str]) -> JsonDict:
         )
     tables = grouped(_once(found, newest=not named), lambda one: one.setting)
     room = _Room(MOST_BYTES)
-    tasks = [_task(store, table, plans, room) for table in tables.values()]
-    names = list(dict.fromkeys(str(task["env"]) for task in tasks))
+    tasks: list[JsonValue] = [_task(store, table, plans, room) for table in tables.values()]
+    names = list(dict.fromkeys(ref.env for ref in refs))
     return {
         "title": f"elast: {', '.join(names)}",
         "version": elast_cli.__version__,
@@ -98,7 +100,8 @@ def _refs(store: Store, named: Sequence[str]) -> tuple[list[Ref], list[Ref]]:
     if not named:
         newest = {(ref.env, ref.kind): ref for ref in store.refs(kind="plan")}
         return store.refs(kind="eval"), list(newest.values())
-    evaluations, plans = [], []
+    evaluations: list[Ref] = []
+    plans: list[Ref] = []
     for ref in map(Ref.parse, named):
         if ref.kind == "report":
             parents = store.manifest(ref).parents.values()
