@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,26 @@ def moving_square(episodes: int, rows: int) -> Dataset:
             pixels[e, t, y : y + SQUARE, x : x + SQUARE] = (255, 120, 30)
             place = place + SQUARE * action[e, t]
     return dataset_of(action, pixels.reshape(-1, 64, 64, 3))
+
+
+def carried_square(episodes: int, rows: int) -> Dataset:
+    """A bright square on black, moved by half its side by an action of 1; walls stop it.
+
+    States are its place in pixels.
+    """
+    rng = np.random.default_rng(1)
+    action = rng.uniform(-1, 1, (episodes, rows, 2))
+    pixels = np.zeros((episodes, rows, 64, 64, 3), np.uint8)
+    state = np.empty((episodes, rows, 2), np.float32)
+    for e in range(episodes):
+        place = rng.uniform(0, 64 - SQUARE, 2)
+        for t in range(rows):
+            x, y = place.round().astype(int)
+            pixels[e, t, y : y + SQUARE, x : x + SQUARE] = (255, 120, 30)
+            state[e, t] = place
+            place = np.clip(place + SQUARE / 2 * action[e, t], 0, 64 - SQUARE)
+    dataset = dataset_of(action, pixels.reshape(-1, 64, 64, 3))
+    return replace(dataset, state=state.reshape(-1, 2))
 
 
 def setting(work: Path, seed: int = 0) -> Setting:

@@ -1,7 +1,7 @@
 """Frames of five bits, as PlaNet takes them (Hafner et al. 2019, App. A; Kingma and Dhariwal 2018).
 
 A colour of 0 to 255 becomes one of 32 codes. The model sees (code + noise) / 32 - 0.5 with noise
-uniform in [0, 1), so that no density of a pixel is infinite. Where nothing is trained, noise is 0.5.
+uniform in [0, 1), so that no density of a pixel is infinite. Noise is 0.5 outside of training.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How good a trained model is on held-out episodes: images, predictions, and probes of the state."""
+"""How good a model is on held-out episodes: images, predictions, and probes of the state."""
 
 from __future__ import annotations
 
