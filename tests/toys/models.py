@@ -111,6 +111,12 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return GcidmSpec(sizes=sizes, net=net)
         case GoalPolicy():
             return GcbcSpec(sizes=sizes, net=model.config)
+    return _spec_on_images(model, sizes)
+
+
+def _spec_on_images(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """The same of models that take images and no latents."""
+    match model:
         case PixelGoalPolicy():
             return PixelGcbcSpec(net=model.config, action=sizes.action, context=sizes.context)
         case Rssm():

@@ -1,4 +1,4 @@
-"""The recurrent state-space model: images of five bits, divergences by hand, beliefs step by step."""
+"""PlaNet's model: images of five bits, divergences by hand, beliefs step by step."""
 
 from __future__ import annotations
 
