@@ -69,24 +69,21 @@ def moving_square(episodes: int, rows: int) -> Dataset:
     return dataset_of(action, pixels.reshape(-1, 64, 64, 3))
 
 
-def carried_square(episodes: int, rows: int) -> Dataset:
-    """A bright square on black, moved by half its side by an action of 1; walls stop it.
+def two_lamps(episodes: int, rows: int) -> Dataset:
+    """Two halves of an image, each as bright as one number of the state, from 0 to 1.
 
-    States are its place in pixels.
+    An action of 1 adds 0.25 to its number, which stays within its bounds.
     """
     rng = np.random.default_rng(1)
     action = rng.uniform(-1, 1, (episodes, rows, 2))
-    pixels = np.zeros((episodes, rows, 64, 64, 3), np.uint8)
     state = np.empty((episodes, rows, 2), np.float32)
-    for e in range(episodes):
-        place = rng.uniform(0, 64 - SQUARE, 2)
-        for t in range(rows):
-            x, y = place.round().astype(int)
-            pixels[e, t, y : y + SQUARE, x : x + SQUARE] = (255, 120, 30)
-            state[e, t] = place
-            place = np.clip(place + SQUARE / 2 * action[e, t], 0, 64 - SQUARE)
-    dataset = dataset_of(action, pixels.reshape(-1, 64, 64, 3))
-    return replace(dataset, state=state.reshape(-1, 2))
+    state[:, 0] = rng.uniform(0, 1, (episodes, 2))
+    for t in range(1, rows):
+        state[:, t] = np.clip(state[:, t - 1] + 0.25 * action[:, t - 1], 0, 1)
+    flat = state.reshape(-1, 2)
+    lit = (255 * flat).astype(np.uint8).repeat(32, axis=1)  # [N,64]
+    pixels = np.broadcast_to(lit[:, None, :, None], (len(flat), 64, 64, 3)).copy()
+    return replace(dataset_of(action, pixels), state=flat)
 
 
 def setting(work: Path, seed: int = 0) -> Setting:

@@ -64,7 +64,7 @@ class ElboConfig(StrictModel):
 
     length: int = Field(default=20, ge=2, le=10_000, description="frames of a sequence; PlaNet: 50")
     free_nats: float = Field(
-        default=3.0, ge=0, description="of divergence a frame that cost no more"
+        default=3.0, ge=0, description="a smaller divergence of a frame costs as much"
     )
     kl_scale: float = Field(default=1.0, ge=0, description="weight of the divergence")
 

@@ -1,4 +1,4 @@
-"""Training the recurrent state-space model on a square that actions move."""
+"""Training the recurrent state-space model on lamps that actions dim."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from elast_cli.models.rssm.config import ElboConfig, RssmConfig, RssmSection
 from elast_cli.models.rssm.elbo import elbo_loss
 from elast_cli.models.rssm.net import Rssm
 from elast_cli.models.rssm.training import train
-from tests.toys.goals import carried_square, moving_square, setting
+from tests.toys.goals import moving_square, setting, two_lamps
 from tests.toys.models import SMALL_RSSM
 
 TINY = RssmSection(
@@ -25,9 +25,9 @@ TINY = RssmSection(
     fit=FitConfig(steps=7, batch_size=3, log_every=3, save_every=2),
 )
 LEARNS = RssmSection(
-    net=RssmConfig(stochastic=8, belief=32, hidden=32, channels=4),
+    net=RssmConfig(stochastic=8, belief=32, hidden=32, channels=2),
     elbo=ElboConfig(length=8),
-    fit=FitConfig(steps=600, batch_size=16, learning_rate=3e-3, log_every=100),
+    fit=FitConfig(steps=120, batch_size=8, learning_rate=1e-2, log_every=20),
 )
 
 
@@ -87,9 +87,9 @@ def test_episodes_of_any_length_are_trained_on(rows: int, tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    """A model of a square whose place is the sum of all actions."""
+    """A model of lamps, each as bright as the sum of its actions."""
     place = setting(tmp_path_factory.mktemp("rssm"))
-    return train(Inputs(carried_square(episodes=60, rows=10), {}, place), LEARNS, place)
+    return train(Inputs(two_lamps(episodes=60, rows=10), {}, place), LEARNS, place)
 
 
 def test_it_learns_to_see_and_to_predict(learned: Trained) -> None:
@@ -100,7 +100,7 @@ def test_it_learns_to_see_and_to_predict(learned: Trained) -> None:
     assert found["val_reconstruction_rmse"] < found["val_open_loop_rmse"] * 1.05
 
 
-def test_its_state_says_where_the_square_is(learned: Trained) -> None:
+def test_its_state_says_how_bright_the_lamps_are(learned: Trained) -> None:
     assert learned.metrics["probe_knn_r2"] > 0.8
     model = learned.module
     assert isinstance(model, Rssm)
