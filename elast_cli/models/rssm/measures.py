@@ -39,9 +39,9 @@ def measured(
     """
     means, rows = zip(*(filtered_means(model, data, dataset, part) for part in split), strict=True)
     z, at = np.concatenate(means), np.concatenate(rows)
-    follows = np.flatnonzero(np.diff(rows[0]) == 1)
-    steps = np.linalg.norm(means[0][follows + 1] - means[0][follows], axis=1)
-    model.step_length_quantiles.fit(torch.from_numpy(steps))
+    steps = np.linalg.norm(np.diff(means[0], axis=0), axis=1)
+    same_episode = np.diff(dataset.episode[rows[0]]) == 0
+    model.step_length_quantiles.fit(torch.from_numpy(steps[same_episode]))
     ours = np.arange(len(z))
     probes = probe_state(z, dataset.state[at], ours[: len(rows[0])], ours[len(rows[0]) :])
     first = thinned(sequence_starts(dataset, split[1], length), CHECKED)
@@ -86,13 +86,11 @@ def _predicted(
     one = int(batch.known.sum(1).argmax())
     steps = np.linspace(0, int(batch.known[one].sum()) - 1, SHOWN).round().astype(int)
     steps = np.unique(steps)
-    rows = {f"seen {seen}, then predicted": open_loop, "posterior": decoded}
+    rows = {"posterior": decoded, f"open loop from {seen}": open_loop}
     return errors, Reconstructions(
         images=shown(batch.images[one, steps]),
-        decoded={name: shown(images[one, steps]) for name, images in reversed(rows.items())},
-        labels=[
-            f"episode {episode[one]}, step {step}" if not step else f"step {step}" for step in steps
-        ],
+        decoded={name: shown(images[one, steps]) for name, images in rows.items()},
+        labels=[f"episode {episode[one]}", *(f"step {step}" for step in steps[1:])],
     )
 
 
