@@ -80,26 +80,22 @@ class Rssm(nn.Module):
         """p(s | h) from h [...,D]."""
         return self._gaussian(self.to_prior(belief))
 
-    def prior_mean(self, belief: Tensor) -> Tensor:
-        """The mean [M,S] of p(s | h) from h [M,D], without the deviation."""
-        hidden, last = torch.relu(self.to_prior[0](belief)), self.to_prior[2]
-        size = self.config.stochastic
-        return functional.linear(hidden, last.weight[:size], last.bias[:size])
-
     def posterior(self, belief: Tensor, embedded: Tensor) -> Gaussian:
         """q(s | h, o) from h [...,D] and the encoded image [...,E]."""
         return self._gaussian(self.to_posterior(torch.cat([belief, embedded], dim=-1)))
 
     def embed(self, images: Tensor) -> Tensor:
         """Images [...,3,64,64], encoded one by one: [...,E]."""
-        found: Tensor = self.encoder(images.flatten(0, -4)).float()
-        return found.unflatten(0, images.shape[:-3])
+        found: Tensor = self.encoder(images.flatten(0, -4))
+        embedded: Tensor = found.float().unflatten(0, images.shape[:-3])
+        return embedded
 
     def decode(self, state: Tensor, belief: Tensor) -> Tensor:
         """Means of images [...,3,64,64] of s [...,S] and h [...,D]."""
         features = torch.cat([state, belief], dim=-1)
-        found: Tensor = self.decoder(features.flatten(0, -2)).float()
-        return found.unflatten(0, features.shape[:-1])
+        found: Tensor = self.decoder(features.flatten(0, -2))
+        images: Tensor = found.float().unflatten(0, features.shape[:-1])
+        return images
 
     def filtered(self, embedded: Tensor, action: Tensor, noise: Tensor | None = None) -> Beliefs:
         """Beliefs at all frames of B sequences, from one frame to the next.
@@ -130,7 +126,7 @@ class Rssm(nn.Module):
         states, beliefs = [], []
         for t in range(actions.shape[1]):
             belief = self.advanced(state, belief, actions[:, t])
-            state = self.prior_mean(belief)
+            state = self.prior(belief).mean
             states.append(state)
             beliefs.append(belief)
         return torch.stack(states, dim=1), torch.stack(beliefs, dim=1)

@@ -23,6 +23,7 @@ from elast_cli.seeding import generator
 from elast_cli.shapes import Int64
 
 KIND = "rssm"
+TOGETHER = 16  # sequences that are validated at once
 
 
 def train(inputs: Inputs, section: RssmSection, setting: Setting) -> Trained:
@@ -75,12 +76,14 @@ class Objective:
     def validate(self) -> dict[str, float]:
         """The loss of held-out sequences and its parts, with the same noise each time."""
         rng = generator("train", 0, stream(KIND))
-        found = []
-        for first in np.array_split(self.check, -(-len(self.check) // 16)):
-            loss, parts = self._loss(first, rng)
-            found.append(torch.stack([loss, *parts.values()]) * len(first))
-        names = ("loss", *parts)
-        return dict(zip(names, (sum(found) / len(self.check)).tolist(), strict=True))
+        groups = np.array_split(self.check, -(-len(self.check) // TOGETHER))
+        found = [self._loss(first, rng) for first in groups]
+        rows = [
+            {"loss": float(loss), **{k: float(v) for k, v in parts.items()}}
+            for loss, parts in found
+        ]
+        weights = [len(first) for first in groups]
+        return {k: float(np.average([row[k] for row in rows], weights=weights)) for k in rows[0]}
 
     def _loss(self, first: Int64, rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         elbo, device = self.section.elbo, self.model.enter.weight.device

@@ -159,7 +159,7 @@ def test_a_divergence_below_the_free_nats_has_no_gradient() -> None:
     for free, moves in ((0.0, True), (50.0, False)):
         model.zero_grad()
         elbo_loss(model, images, torch.zeros(B, L, S), ElboConfig(free_nats=free))[0].backward()
-        gradient = model.to_prior[2].weight.grad
+        gradient = model.get_parameter("to_prior.2.weight").grad
         assert gradient is not None  # the prior is in no other term
         assert bool(gradient.any()) == moves
 
