@@ -27,7 +27,7 @@ TINY = RssmSection(
 LEARNS = RssmSection(
     net=RssmConfig(stochastic=8, belief=32, hidden=32, channels=2),
     elbo=ElboConfig(length=8),
-    fit=FitConfig(steps=120, batch_size=8, learning_rate=1e-2, log_every=20),
+    fit=FitConfig(steps=300, batch_size=8, learning_rate=1e-2, log_every=50),
 )
 
 
