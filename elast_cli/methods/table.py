@@ -208,6 +208,15 @@ register(
 )
 register(
     Method(
+        name="planet",
+        about="cross-entropy method on a recurrent model of images",
+        parts=("rssm",),
+        sections={"planet": "elast_cli.planners.cem:PlanetConfig"},
+        builder="elast_cli.methods.planet:build",
+    )
+)
+register(
+    Method(
         name="random",
         about="the collection policy",
         parts=(),
@@ -256,18 +265,13 @@ variant(
     planner={"refine": {"iterations": 0}},
     control=TREES_ALONE,
 )
-variant(
-    "elast-no-support",
-    of="elast",
-    about="no support test",
-    planner={"tests": {"support_quantile": None}},
-)
-variant(
-    "elast-no-roundtrip",
-    of="elast",
-    about="no round-trip test",
-    planner={"tests": {"round_trip_quantile": None}},
-)
+for _word, _test in (("support", "support"), ("roundtrip", "round_trip")):
+    variant(
+        f"elast-no-{_word}",
+        of="elast",
+        about=f"no {_test.replace('_', '-')} test",
+        planner={"tests": {f"{_test}_quantile": None}},
+    )
 for _base in ("elast", "elast-psi"):
     variant(
         f"{_base}-no-density",

@@ -203,6 +203,9 @@ for _kind, _about, _needs in (
 ):
     register(_row(_kind, _about, f"dataset {_needs}", within="models.goal_policy"))
 register(
+    _row("rssm", about="Train PlaNet's recurrent state-space model on images.", needs="dataset")
+)
+register(
     _row(
         "graph",
         about="Choose training states as the nodes of a graph; nothing is fitted.",

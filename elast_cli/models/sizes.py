@@ -39,5 +39,6 @@ def _bytes(name: str, want: Want, *, packed: bool) -> int:
 
 def image_bytes(section: PartSection) -> int:
     """Bytes of an image as a training keeps it in memory; 0 for a part that takes none."""
-    pool: int | None = getattr(getattr(section, "net", None), "pool", None)
-    return 2 * 3 * (IMAGE_SIZE // pool) ** 2 if pool else 0
+    net = getattr(section, "net", None)
+    pool: int | None = getattr(net, "pool", None)
+    return 2 * 3 * (IMAGE_SIZE // pool) ** 2 if pool else int(getattr(net, "image_bytes", 0))

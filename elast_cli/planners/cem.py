@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
@@ -18,6 +18,20 @@ class CemConfig(EliteConfig):
     """The search. Values were chosen on validation scenarios."""
 
     noise_correlation: float = Field(default=0.9, ge=0, lt=1)  # of one step's noise with the next
+
+
+class PlanetConfig(CemConfig):
+    """PlaNet's search (Hafner et al. 2019, App. A); it replans less often, for the CPU's sake.
+
+    PlaNet plans anew at every step: `replan_every` 1.
+    """
+
+    horizon: int = Field(default=12, ge=1)
+    cost: Literal["terminal", "summed"] = "summed"
+    replan_every: int = Field(default=5, ge=1)
+    warm_start: bool = False
+    min_std: float = Field(default=1e-3, ge=0)
+    noise_correlation: float = Field(default=0.0, ge=0, lt=1)
 
 
 @dataclass(frozen=True)

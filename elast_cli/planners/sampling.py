@@ -74,12 +74,14 @@ class Problem:
 class SamplingPlanner(ABC):
     """Optimises the actions of one row at a time, with a fixed number of samples.
 
-    So a row's plan does not depend on its batch-mates. A planner fills in `optimised`.
+    So a row's plan does not depend on its batch-mates. A planner fills in `optimised`. Distances to
+    the goal count the first `measured` numbers of a latent, or all.
     """
 
     rollout: Rollout
     config: SamplingPlannerConfig
     goal_radius: float
+    measured: int | None = None
 
     @abstractmethod
     def optimised(self, problem: Problem) -> tuple[Tensor, Tensor]:
@@ -102,7 +104,8 @@ class SamplingPlanner(ABC):
                 for b in range(rows)
             ]
         states = np.stack([path.numpy() for _, path in found])
-        remaining = np.linalg.norm(states[:, -1] - query.goal, axis=1)
+        apart = states[:, -1] - query.goal
+        remaining = np.linalg.norm(apart[:, : self.measured], axis=1)
         cost = PlanCost.zero(rows)
         cost.transitions[:] = config.samples * config.horizon * self.rollout.members
         return Plan(
@@ -116,7 +119,8 @@ class SamplingPlanner(ABC):
     def rolled_out(self, problem: Problem, actions: Tensor) -> tuple[Tensor, Tensor]:
         """Costs [K] and latents [K,H,Z] of action sequences [K,H,A]."""
         path = self.rollout(problem.start, actions, problem.context)
-        distance = (path - problem.goal).norm(dim=-1)
+        counted = slice(self.measured)
+        distance = (path[..., counted] - problem.goal[counted]).norm(dim=-1)
         return (distance[:, -1] if self.config.cost == "terminal" else distance.sum(1)), path
 
 

@@ -47,12 +47,12 @@ FRAME = {
 ITEM = {"context": 250e-6, "encoder": 70e-6, "ensemble": 25e-6, "density": 75e-6, "policy": 10e-6}
 # From short trainings of the default sizes.
 ITEM |= {"gcbc": 60e-6, "gcidm": 60e-6, "gciql": 360e-6}
-# The same of convolutions, by side * side * channels.
-PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9}
+# The same of convolutions, by side * side * channels of each image of an item.
+PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9, "rssm": 25e-9}
 # Seconds of a step of an episode, by section of the method, or by the policy that is asked for it.
 STEP = {"planner": 0.05, "cem": 0.04, "icem": 0.04, "mppi": 0.04, "collect": 0.001}
 STEP |= {"gcbc": 0.001, "pixel_gcbc": 0.003, "gcidm": 0.001, "gciql": 0.001}
-STEP |= {"collocation": 0.1, "gradient": 0.1, "graph_search": 0.05}
+STEP |= {"collocation": 0.1, "gradient": 0.1, "graph_search": 0.05, "planet": 0.3, "rssm": 0.004}
 START, REPORT, PLAN = 3.0, 2.0, 4.0  # seconds: loading, a report, a plan
 COLLECTOR, TORCH, EVALUATOR = 0.2e9, 0.3e9, 0.42e9  # bytes of memory of a process
 CURVE_ROW, EPISODE, FILMS, FIGURE = 300, 450, 150e3, 450e3  # bytes; films of one level
@@ -181,7 +181,7 @@ def _training_seconds(job: Job, kind: str, section: PartSection) -> tuple[float,
     item = ITEM.get(kind, math.nan)
     convolves = getattr(net, "architecture", "conv") == "conv"
     if net and convolves and kind in PIXEL:
-        item = PIXEL[kind] * net.side**2 * net.channels
+        item = PIXEL[kind] * net.side**2 * net.channels * getattr(section, "item_images", 1)
     return START + fit.steps * fit.batch_size * item if job.device == "cpu" else math.nan, RULE
 
 

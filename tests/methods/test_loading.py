@@ -23,13 +23,13 @@ from elast_cli.models.context.net import ContextAutoencoder, context_vectors
 from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.files import save_model
 from elast_cli.models.policy.net import LocalPolicy
-from elast_cli.planners.cem import CemConfig, CemPlanner
+from elast_cli.planners.cem import CemConfig, CemPlanner, PlanetConfig
 from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset
 from elast_cli.shapes import FRAMES
 from tests.toys.methods import ROWS, tree_config
-from tests.toys.models import trained
+from tests.toys.models import SMALL_RSSM, trained
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -70,6 +70,10 @@ def test_methods_are_built_of_the_parts_they_name(
     assert isinstance(shooting.follower, PlayActions)
     assert shooting.every == tiny.section("cem", CemConfig).replan_every
     assert isinstance(build("random"), Random)
+    planet = build("planet")
+    assert isinstance(planet.planner, CemPlanner)
+    assert planet.planner.measured == SMALL_RSSM.stochastic
+    assert planet.every == tiny.section("planet", PlanetConfig).replan_every
     for name in ("cpc-gcbc", "v-gcbc", "cpc-gcidm", "cpc-gciql"):
         assert isinstance(build(name), Reactive)
 

@@ -18,7 +18,7 @@ from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_name
 
 ELAST = ["context", "encoder", "ensemble", "density", "policy"]
 GOAL_POLICIES = ["gcbc", "pixel_gcbc", "gcidm", "gciql"]
-OURS = [*ELAST, *GOAL_POLICIES, "graph"]
+OURS = [*ELAST, *GOAL_POLICIES, "rssm", "graph"]
 
 
 def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
@@ -61,6 +61,7 @@ def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
         ("pixel_gcbc", "dataset context", "dataset"),
         ("gcidm", "dataset context encoder", "dataset encoder"),
         ("gciql", "dataset context encoder", "dataset encoder"),
+        ("rssm", "dataset", "dataset"),
         ("graph", "dataset context encoder", "dataset encoder"),
     ],
 )

@@ -96,6 +96,19 @@ def test_a_point_mass_is_driven_within_two_percent_of_the_optimum(name: str) -> 
     assert (cost(plan, asked) >= optimum - 1e-4).all()
 
 
+def test_distances_count_the_first_numbers_of_a_latent_alone() -> None:
+    """With one of two axes counted, the other one's goal changes nothing."""
+    asked = query()
+    partly = replace(made("cem", cost="summed"), measured=1)
+    plan = partly.plan(asked)
+    aside = asked.goal + np.array([0, 9], np.float32)
+    np.testing.assert_array_equal(plan.actions, partly.plan(replace(asked, goal=aside)).actions)
+    beyond = replace(asked, goal=asked.goal + np.array([9, 0], np.float32))
+    assert not np.array_equal(plan.actions, partly.plan(beyond).actions)
+    near = replace(asked, goal=plan.states[:, -1] + np.array([0, 9], np.float32))
+    assert partly.plan(near).reached.any()
+
+
 @pytest.mark.parametrize("horizon", [1, 2, 9, 10])
 @pytest.mark.parametrize("beta", [0.0, 2.0])
 def test_coloured_noise_has_unit_variance_and_its_spectrum(horizon: int, beta: float) -> None:

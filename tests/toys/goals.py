@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,23 @@ def moving_square(episodes: int, rows: int) -> Dataset:
             pixels[e, t, y : y + SQUARE, x : x + SQUARE] = (255, 120, 30)
             place = place + SQUARE * action[e, t]
     return dataset_of(action, pixels.reshape(-1, 64, 64, 3))
+
+
+def two_lamps(episodes: int, rows: int) -> Dataset:
+    """Two halves of an image, each as bright as one number of the state, from 0 to 1.
+
+    An action of 1 adds 0.25 to its number, which stays within its bounds.
+    """
+    rng = np.random.default_rng(1)
+    action = rng.uniform(-1, 1, (episodes, rows, 2))
+    state = np.empty((episodes, rows, 2), np.float32)
+    state[:, 0] = rng.uniform(0, 1, (episodes, 2))
+    for t in range(1, rows):
+        state[:, t] = np.clip(state[:, t - 1] + 0.25 * action[:, t - 1], 0, 1)
+    flat = state.reshape(-1, 2)
+    lit = (255 * flat).astype(np.uint8).repeat(32, axis=1)  # [N,64]
+    pixels = np.broadcast_to(lit[:, None, :, None], (len(flat), 64, 64, 3)).copy()
+    return replace(dataset_of(action, pixels), state=flat)
 
 
 def setting(work: Path, seed: int = 0) -> Setting:

@@ -26,9 +26,10 @@ from elast_cli.models.nets import QuantileTable
 from elast_cli.models.part import Sizes
 from elast_cli.models.policy.config import PolicyConfig
 from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.rssm.net import Rssm
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.preset import Preset
-from tests.toys.models import trained
+from tests.toys.models import SMALL_RSSM, trained
 
 ROWS, LATENT, STATE = 2, 3, 2
 TINY = [
@@ -39,6 +40,10 @@ TINY = [
     "cem.horizon=5",
     "collocation.iterations=3",
     "gradient.iterations=3",
+    "planet.num_samples=8",
+    "planet.topk=4",
+    "planet.n_steps=2",
+    "planet.horizon=5",
 ]
 
 
@@ -89,6 +94,7 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     parts |= {kind: GoalPolicy(small, sizes, 0) for kind in ("gcbc", "gciql")}
     parts["gcidm"] = GoalPolicy(GcidmConfig(width=8, depth=1), sizes, 1)
     pixels = PixelGcbcConfig(width=8, depth=1, pool=4, channels=4)
+    parts["rssm"] = Rssm(SMALL_RSSM, action)
     parts["pixel_gcbc"] = PixelGoalPolicy(pixels, action, 0)
     for kind, module in parts.items():
         (folder / kind).mkdir()

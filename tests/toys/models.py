@@ -26,11 +26,14 @@ from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySpec
 from elast_cli.models.policy.net import LocalPolicy
+from elast_cli.models.rssm.config import RssmConfig, RssmSpec
+from elast_cli.models.rssm.net import Rssm
 
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
+SMALL_RSSM = RssmConfig(stochastic=5, belief=9, hidden=7, channels=2)
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
 GOAL_POLICIES = ("gcbc", "gcidm", "pixel_gcbc")  # what gciql keeps has the form of gcbc
-KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES, "graph")
+KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES, "rssm", "graph")
 
 
 def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
@@ -59,6 +62,7 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
         "ensemble": ensemble,
         "density": density,
         "policy": policy,
+        "rssm": Rssm(SMALL_RSSM, ACTION),
         "graph": graph,
     }
     if context:
@@ -107,6 +111,14 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return GcidmSpec(sizes=sizes, net=net)
         case GoalPolicy():
             return GcbcSpec(sizes=sizes, net=model.config)
+    return _spec_on_images(model, sizes)
+
+
+def _spec_on_images(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """The same of models that take images and no latents."""
+    match model:
         case PixelGoalPolicy():
             return PixelGcbcSpec(net=model.config, action=sizes.action, context=sizes.context)
+        case Rssm():
+            return RssmSpec(net=model.config, action=model.action_size)
     raise TypeError(f"a {type(model).__name__} is no part")

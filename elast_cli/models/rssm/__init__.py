@@ -1,0 +1,1 @@
+"""Recurrent state-space model of PlaNet (Hafner et al. 2019)."""
