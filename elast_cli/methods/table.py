@@ -182,6 +182,15 @@ for _name, _about, _parts, _sections in (
             builder="elast_cli.methods.goal_policy:build",
         )
     )
+register(
+    Method(
+        name="htm",
+        about="shortest paths between hallucinated images",
+        parts=("cvae", "htm"),
+        sections={"hallucination": "elast_cli.planners.hallucination.config:HallucinationConfig"},
+        builder="elast_cli.methods.htm:build",
+    )
+)
 for _word, _section, _about in (
     ("coll", "collocation", "latents and actions by Gauss-Newton, on h_f"),
     ("grad", "gradient", "latents and actions by Adam, on h_f"),
@@ -256,18 +265,13 @@ variant(
     planner={"refine": {"iterations": 0}},
     control=TREES_ALONE,
 )
-variant(
-    "elast-no-support",
-    of="elast",
-    about="no support test",
-    planner={"tests": {"support_quantile": None}},
-)
-variant(
-    "elast-no-roundtrip",
-    of="elast",
-    about="no round-trip test",
-    planner={"tests": {"round_trip_quantile": None}},
-)
+for _word, _test in (("support", "support"), ("roundtrip", "round_trip")):
+    variant(
+        f"elast-no-{_word}",
+        of="elast",
+        about=f"no {_test.replace('_', '-')} test",
+        planner={"tests": {f"{_test}_quantile": None}},
+    )
 for _base in ("elast", "elast-psi"):
     variant(
         f"{_base}-no-density",

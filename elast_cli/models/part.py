@@ -6,6 +6,7 @@ Nothing here needs torch at run time, so that presets are validated without it.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
@@ -65,6 +66,11 @@ class Sizes(StrictModel):
     context: int = Field(ge=0, le=MAX_SIZE)
     state: int = Field(gt=0, le=MAX_SIZE)
 
+    @property
+    def has_context(self) -> bool:
+        """Whether episodes differ in their context."""
+        return self.context > 0
+
 
 class ModelSpec(Protocol):
     """What is stored beside the weights: all that is needed to build the module again."""
@@ -84,11 +90,17 @@ class PlainSpec(ModelSpec, Protocol):
 
 @dataclass(frozen=True)
 class Reconstructions:
-    """Images u8 [N,H,W,3] beside what a part that decodes makes of them, and a label for each."""
+    """Images beside what a part that decodes makes of them.
+
+    Attributes:
+        images: u8 [N,H,W,3].
+        decoded: u8 [N,H',W',3], by what they are.
+        labels: one an image.
+    """
 
     images: Uint8
-    decoded: Uint8
-    labels: list[int]
+    decoded: Mapping[str, Uint8]
+    labels: Sequence[str]
 
 
 @dataclass(frozen=True)

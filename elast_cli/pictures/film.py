@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,25 +49,25 @@ def film_strip(
             figure.suptitle(caption, x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
-def reconstruction_strip(
-    images: Frames, reconstructions: Frames, path: Path, *, labels: Sequence[object]
+def reconstruction_grid(
+    images: Frames, decoded: Mapping[str, Frames], path: Path, *, labels: Sequence[str]
 ) -> None:
-    """Images as a PNG row, each above what an autoencoder makes of it.
+    """Images as a PNG row, above rows of what a model makes of them.
 
     Args:
         images: [N, H, W, 3] u8.
-        reconstructions: [N, H', W', 3] u8.
+        decoded: [N, H', W', 3] u8 for each row below, by its label.
         path: where the PNG goes.
-        labels: which episode each image is of.
+        labels: one an image.
     """
-    columns = len(images)
-    with figure_png(path, 0.2 + 1.02 * columns, 2.5) as figure:
+    columns, rows = len(images), 1 + len(decoded)
+    with figure_png(path, 0.2 + 1.02 * columns, 0.1 + 1.2 * rows) as figure:
         frame_grid(
             figure,
             figure.add_gridspec(1, 1)[0],
-            [*images, *reconstructions],
-            labels=[*(f"episode {label}" for label in labels), *["reconstructed"] * columns],
-            colours=[FAINT] * (2 * columns),
+            [*images, *(frame for row in decoded.values() for frame in row)],
+            labels=[*labels, *(label for label in decoded for _ in range(columns))],
+            colours=[FAINT] * (rows * columns),
             columns=columns,
         )
 

@@ -95,10 +95,10 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
 
 
 def _draw(shown: Reconstructions, path: Path) -> None:
-    """A strip of images above their reconstructions."""
-    from elast_cli.pictures.film import reconstruction_strip
+    """Images above what a part makes of them."""
+    from elast_cli.pictures.film import reconstruction_grid
 
-    reconstruction_strip(shown.images, shown.decoded, path, labels=shown.labels)
+    reconstruction_grid(shown.images, shown.decoded, path, labels=shown.labels)
 
 
 def _check_size(job: Job, ref: Ref, dataset: Dataset) -> None:

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from elast_cli.pictures.canvas import START
-from elast_cli.pictures.film import animation, film_strip, reconstruction_strip
+from elast_cli.pictures.film import animation, film_strip, reconstruction_grid
 from tests.toys.pictures import moving_square, pixels, shows
 
 
@@ -65,7 +65,7 @@ def test_the_animation_is_small(tmp_path: Path) -> None:
 def test_reconstructions_stand_below_their_images(tmp_path: Path) -> None:
     images = np.full((3, 64, 64, 3), (220, 60, 40), dtype=np.uint8)
     small = np.full((3, 32, 32, 3), (40, 60, 220), dtype=np.uint8)
-    reconstruction_strip(images, small, tmp_path / "strip.png", labels=[4, 7, 9])
+    reconstruction_grid(images, {"decoded": small}, tmp_path / "strip.png", labels=["4", "7", "9"])
     image = pixels(tmp_path / "strip.png")
     middle = len(image) // 2
     assert shows(image[:middle], "#dc3c28")

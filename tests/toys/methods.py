@@ -28,7 +28,7 @@ from elast_cli.models.policy.config import PolicyConfig
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.preset import Preset
-from tests.toys.models import trained
+from tests.toys.models import hallucination, trained
 
 ROWS, LATENT, STATE = 2, 3, 2
 TINY = [
@@ -39,6 +39,7 @@ TINY = [
     "cem.horizon=5",
     "collocation.iterations=3",
     "gradient.iterations=3",
+    "hallucination.samples=20",
 ]
 
 
@@ -90,6 +91,7 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     parts["gcidm"] = GoalPolicy(GcidmConfig(width=8, depth=1), sizes, 1)
     pixels = PixelGcbcConfig(width=8, depth=1, pool=4, channels=4)
     parts["pixel_gcbc"] = PixelGoalPolicy(pixels, action, 0)
+    parts |= hallucination(action, has_context=False)
     for kind, module in parts.items():
         (folder / kind).mkdir()
         save_model(folder / kind, trained(module, sizes))

@@ -44,8 +44,9 @@ def train(inputs: Inputs, section: ContextSection, setting: Setting) -> Trained:
     trained = train_context(images, split, section, setting)
     assert isinstance(trained.module, ContextAutoencoder)
     shown = split[1][:SHOWN]
-    decoded = reconstructions(trained.module, images[shown])
-    return replace(trained, reconstructions=Reconstructions(images[shown], decoded, shown.tolist()))
+    decoded = {"reconstructed": reconstructions(trained.module, images[shown])}
+    labels = [f"episode {episode}" for episode in shown]
+    return replace(trained, reconstructions=Reconstructions(images[shown], decoded, labels))
 
 
 def train_context(
