@@ -13,7 +13,7 @@ from elast_cli.stages.job import Job
 from elast_cli.store.store import Store
 
 
-def main(env="block-s", level="easy", overrides=(), out="plan.png"):
+def main(env="block-s", level="medium", overrides=(), out="plan.png"):
     config = presets.load("quick", env, overrides)
     job = Job(Store.default(), env, "quick", config)
     made = make_models(job, method_named("htm").parts)

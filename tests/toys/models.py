@@ -119,11 +119,6 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return EnsembleSpec(sizes=sizes, net=model.config)
         case TransitionDensity():
             return DensitySpec(sizes=sizes, net=model.config)
-        case Cvae():
-            return CvaeSpec(net=model.config, has_context=model.has_context)
-        case Htm():
-            context = sizes.context > 0
-            return HtmSpec(net=INVERSE, cvae=IMAGES, has_context=context, action=sizes.action)
         case TrainingStates():
             return GraphSpec(sizes=sizes, net=GraphConfig(nodes=len(model.rows)))
         case LocalPolicy():
@@ -132,6 +127,17 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return GcidmSpec(sizes=sizes, net=net)
         case GoalPolicy():
             return GcbcSpec(sizes=sizes, net=model.config)
+    return spec_on_images(model, sizes)
+
+
+def spec_on_images(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """The same of models that see images alone."""
+    match model:
         case PixelGoalPolicy():
             return PixelGcbcSpec(net=model.config, action=sizes.action, context=sizes.context)
+        case Cvae():
+            return CvaeSpec(net=model.config, has_context=model.has_context)
+        case Htm():
+            of = sizes.has_context
+            return HtmSpec(net=INVERSE, cvae=IMAGES, has_context=of, action=sizes.action)
     raise TypeError(f"a {type(model).__name__} is no part")
