@@ -55,7 +55,8 @@ class Line:
 
     def nodes(self, context: Float32, seed: int, count: int) -> Float32:
         self.asked.append((float(context[0]), seed, count))
-        return context[0] + np.arange(count, dtype=np.float32)[:, None]
+        found: Float32 = context[0] + np.arange(count, dtype=np.float32)[:, None]
+        return found
 
     def scores(self, z: Float32, z_next: Float32) -> Float32:
         found: Float32 = -4 * np.abs(z + 1 - z_next.T)
