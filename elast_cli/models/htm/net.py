@@ -28,6 +28,10 @@ class Score(nn.Module):
         """Scores [...,M,N] of all pairs of embeddings [...,M,Z] and [...,N,Z]."""
         return (e @ self.bilinear) @ e_next.transpose(-1, -2) / self.scale
 
+    def of_pairs(self, e: Tensor, e_next: Tensor) -> Tensor:
+        """Scores [...] of embeddings [...,Z] and those beside them [...,Z]."""
+        return ((e @ self.bilinear) * e_next).sum(-1) / self.scale
+
 
 class InverseModel(nn.Module):
     """The action in [-1, 1]^A that leads from one image to the next."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,19 +48,22 @@ def train(inputs: Inputs, section: HtmSection, setting: Setting) -> Trained:
             f"no episode is longer than htm.pairs.ahead, {section.pairs.ahead} steps; lower it "
             "(--set htm.pairs.ahead=1) or collect longer ones (--set collect.episode_steps=50)"
         )
-    objective = Objective(model, source, section)
-    rng = generator("train", setting.seed, stream(KIND))
-    check = [source.batch(held_out, rng, section.fit.batch_size) for _ in range(CHECKED)]
+    objective, size = Objective(model, source, section), section.fit.batch_size
+
+    def unseen(count: int) -> Iterator[Pairs]:
+        rng = generator("train", setting.seed, stream(KIND))  # the same batches every time
+        return (source.batch(held_out, rng, size) for _ in range(count))
 
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
-        parts = objective.parts(source.batch(starts, rng, section.fit.batch_size))
+        parts = objective.parts(source.batch(starts, rng, size))
         return parts["info_nce"] + parts["inverse_mse"], parts
 
-    curve = fit(
-        KIND, model, loss, lambda: objective.measure(check), config=section.fit, setting=setting
-    )
-    more = [source.batch(held_out, rng, section.fit.batch_size) for _ in range(MEASURED)]
-    metrics = {f"val_{name}": value for name, value in objective.measure(more).items()}
+    def validate() -> dict[str, float]:
+        return objective.measure(unseen(CHECKED))
+
+    curve = fit(KIND, model, loss, validate, config=section.fit, setting=setting)
+    found = objective.measure(unseen(MEASURED))
+    metrics = {f"val_{name}": value for name, value in found.items()}
     metrics["val_action_r2"] = 1 - metrics["val_inverse_mse"] / _variance(inputs, held_out)
     return Trained(model, spec, curve, metrics)
 
@@ -94,10 +98,9 @@ class Objective:
             part.unflatten(0, (batch.groups, -1))
             for part in embedded.split([count, count, len(embedded) - 2 * count])
         )
-        positive = ((before @ score.bilinear) * after).sum(-1) / score.scale
-        return positive, score(before, made)
+        return score.of_pairs(before, after), score(before, made)
 
-    def measure(self, batches: list[Pairs]) -> dict[str, float]:
+    def measure(self, batches: Iterable[Pairs]) -> dict[str, float]:
         """Mean losses, and the share of pairs that score above all their negatives."""
         found: list[Tensor] = []
         with evaluating(self.model):

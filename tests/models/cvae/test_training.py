@@ -51,8 +51,7 @@ def test_a_killed_training_ends_as_one_that_was_not(
 def test_it_learns_where_the_square_is_and_draws_it_anywhere(tmp_path: Path) -> None:
     dataset = moving_square(150, 4)
     before, after = (
-        trained(setting(tmp_path / str(steps)), dataset, steps, kl_weight=0.5)
-        for steps in (1, 250)
+        trained(setting(tmp_path / str(steps)), dataset, steps, kl_weight=0.5) for steps in (1, 250)
     )
     assert after.metrics["val_bce_excess"] < 0.4 * before.metrics["val_bce_excess"]
     assert after.metrics["val_rmse"] < 0.6 * before.metrics["val_rmse"]

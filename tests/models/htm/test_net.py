@@ -24,6 +24,7 @@ def test_the_score_is_a_bilinear_form_over_the_scale() -> None:
     e, e_next = torch.tensor([[1.0, 0.0], [0.0, 2.0]]), torch.tensor([[1.0, 1.0], [5.0, 0.0]])
     # row 1 · W = [1, 2], row 2 · W = [6, 8]
     assert score(e, e_next).flatten().tolist() == pytest.approx([0.3, 0.5, 1.4, 3.0])
+    assert score.of_pairs(e, e_next).tolist() == pytest.approx([0.3, 3.0])
 
 
 def test_the_contrast_of_one_positive_is_cross_entropy_by_hand() -> None:
@@ -49,8 +50,7 @@ def test_info_nce_scores_the_next_state_above_all_others() -> None:
 
     def scores(angle: Tensor, others: Tensor) -> tuple[Tensor, Tensor]:
         before, after = encoder(around(angle)), encoder(around(angle + turn))
-        positive = torch.diagonal(score(before, after))
-        return positive, score(before, encoder(around(others)))
+        return score.of_pairs(before, after), score(before, encoder(around(others)))
 
     for _ in range(200):
         angle, others = 2 * math.pi * torch.rand(64), 2 * math.pi * torch.rand(50)
