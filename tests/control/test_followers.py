@@ -105,7 +105,9 @@ def test_each_waypoint_is_aimed_at_for_some_steps_and_then_the_goal() -> None:
     follower, route = PaceStates(towards, steps=2), line([0, 1, 2, 9], [0, 7, 7, 7], length=[4, 2])
     aims = []
     for _ in range(8):
-        action, route = follower.act(route, column(0, 5), column(9, 7), np.zeros((2, 1)))
+        action, route = follower.act(
+            route, column(0, 5), column(9, 7), np.zeros((2, 1), np.float32)
+        )
         np.testing.assert_array_equal(action.ravel(), route.aim.ravel() - np.array([0, 5]))
         aims.append(route.aim[:, 0].tolist())
         assert not follower.spent(route).any()

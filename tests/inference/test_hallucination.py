@@ -58,10 +58,11 @@ def test_scores_and_actions_are_those_of_the_networks() -> None:
     one, other = np.random.default_rng(0).standard_normal((2, 5, 2 * size), np.float32)
     parts = [[torch.from_numpy(z[:, at : at + size]) for z in (one, other)] for at in (0, size)]
     np.testing.assert_allclose(seen.scores(one, other), htm.score(*parts[0]), rtol=1e-4)
-    action = seen.act(one, other, np.zeros((5, 0), np.float32))
+    nothing = np.zeros((5, 0), np.float32)
+    action = seen.act(one, other, nothing)
     assert action.shape == (5, ACTION)
     np.testing.assert_allclose(action, htm.inverse(*parts[1]), rtol=1e-4, atol=1e-6)
-    np.testing.assert_array_equal(seen.act(one[3:4], other[3:4], np.zeros((1, 0))), action[3:4])
+    np.testing.assert_array_equal(seen.act(one[3:4], other[3:4], nothing[:1]), action[3:4])
 
 
 @pytest.mark.parametrize("context", [0, CONTEXT])

@@ -34,8 +34,8 @@ from elast_cli.models.policy.net import LocalPolicy
 LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
 GOAL_POLICIES = ("gcbc", "gcidm", "pixel_gcbc")  # what gciql keeps has the form of gcbc
-KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES, "graph")
-KINDS += ("cvae", "htm")
+ON_LATENTS = ("ensemble", "density", "policy", "graph")
+KINDS = ("context", "encoder", *ON_LATENTS, *GOAL_POLICIES, "cvae", "htm")
 IMAGES = CvaeConfig(latent_size=6, channels=4, pool=4)
 INVERSE = HtmConfig(width=8, depth=2)
 

@@ -43,9 +43,19 @@ class CvaeConfig(StrictModel):
 
 
 class ElboConfig(StrictModel):
-    """The objective: binary cross-entropy of all pixels and a weighted divergence."""
+    """The objective: binary cross-entropy of all pixels and a weighted divergence.
+
+    The weight rises from 0 in the first `warmup` of all steps. With the full weight from the start,
+    the posterior collapses to the prior where little of an image moves.
+    """
 
     kl_weight: float = Field(default=10.0, ge=0, le=1e4, description="of the KL divergence")
+    warmup: float = Field(default=0.5, ge=0, le=1, description="share of steps; 0: none")
+
+    def weight_at(self, step: int, steps: int) -> float:
+        """The weight at a step, from 0 on, of all `steps`."""
+        rising = self.warmup * steps
+        return self.kl_weight * min(1.0, step / rising) if rising else self.kl_weight
 
 
 class CvaeSection(Section):
@@ -71,7 +81,8 @@ class CvaeSpec(StrictModel):
     def tensors(self) -> Wanted:
         """Those of the autoencoder."""
         net = self.net
-        found = gaussian("encoder", net, images_seen(has_context=self.has_context))
+        found = {"steps": Want("int64", ())}
+        found |= gaussian("encoder", net, images_seen(has_context=self.has_context))
         if self.has_context:
             found |= gaussian("prior", net, 1)
         found |= {"decoder.0.weight": floats(net.flat, net.latent_size)}

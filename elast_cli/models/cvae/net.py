@@ -69,11 +69,15 @@ class Cvae(Pooling):
     """p(o | z) p(z | c) with the approximate posterior q(z | o, c); o and c are single images.
 
     The decoder sees z alone, as in the authors' code. Without contexts, p(z) is standard normal.
+    `steps` counts the gradient steps of its training, so that one that resumes goes on with them.
     """
+
+    steps: Tensor
 
     def __init__(self, config: CvaeConfig, *, has_context: bool) -> None:
         super().__init__(config.pool)
         self.config, self.has_context = config, has_context
+        self.register_buffer("steps", torch.zeros((), dtype=torch.int64))
         self.encoder = GaussianEncoder(config, images_seen(has_context=has_context))
         self.prior = GaussianEncoder(config, 1) if has_context else None
         widths = [*reversed(config.conv_channels), 3]

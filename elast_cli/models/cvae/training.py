@@ -41,7 +41,9 @@ def train(inputs: Inputs, section: CvaeSection, setting: Setting) -> Trained:
     def loss(rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         picked = rows[rng.integers(len(rows), size=section.fit.batch_size)]
         noise = normal(rng, (len(picked), section.net.latent_size)).to(setting.device)
-        return negative_elbo(model, *pairs.take(picked), noise, section.elbo.kl_weight)
+        weight = section.elbo.weight_at(int(model.steps), section.fit.steps)
+        model.steps += 1
+        return negative_elbo(model, *pairs.take(picked), noise, weight)
 
     def validate() -> dict[str, float]:
         return held_out_loss(model, pairs, check)

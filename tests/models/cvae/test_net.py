@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from elast_cli.models.cvae.config import CvaeConfig
+from elast_cli.models.cvae.config import CvaeConfig, ElboConfig
 from elast_cli.models.cvae.net import Cvae, Gaussian, divergence, negative_elbo
 
 SMALL = CvaeConfig(latent_size=3, channels=2, pool=4)
@@ -71,9 +71,12 @@ def test_the_prior_and_the_posterior_depend_on_the_context() -> None:
     torch.manual_seed(0)
     model = Cvae(SMALL, has_context=True).eval()
     images, one, other = torch.rand(3, 1, 3, 16, 16)
-    for of in (lambda c: model.prior_of(c), lambda c: model.posterior(images, c)):
-        assert not torch.equal(of(one).mean, of(other).mean)
-        assert not torch.equal(of(one).log_variance, of(other).log_variance)
+    for one_is, other_is in (
+        (model.prior_of(one), model.prior_of(other)),
+        (model.posterior(images, one), model.posterior(images, other)),
+    ):
+        assert not torch.equal(one_is.mean, other_is.mean)
+        assert not torch.equal(one_is.log_variance, other_is.log_variance)
 
 
 @torch.no_grad()
@@ -87,3 +90,9 @@ def test_the_objective_of_a_grey_decoder_is_ln_2_a_pixel_and_the_divergence() ->
     assert float(parts["bce"]) == pytest.approx(3 * 16 * 16 * math.log(2), rel=1e-5)
     assert float(parts["kl"]) == pytest.approx(3 * 2.0**2 / 2)
     assert float(total) == pytest.approx(float(parts["bce"]) + 10 * 6, rel=1e-6)
+
+
+def test_the_weight_of_the_divergence_rises_and_stays() -> None:
+    config = ElboConfig(kl_weight=8, warmup=0.5)
+    assert [config.weight_at(step, 8) for step in range(8)] == [0, 2, 4, 6, 8, 8, 8, 8]
+    assert ElboConfig(kl_weight=8, warmup=0).weight_at(0, 8) == 8

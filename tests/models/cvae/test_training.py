@@ -56,6 +56,7 @@ def test_it_learns_where_the_square_is_and_draws_it_anywhere(tmp_path: Path) -> 
     assert after.metrics["val_bce_excess"] < 0.4 * before.metrics["val_bce_excess"]
     assert after.metrics["val_rmse"] < 0.6 * before.metrics["val_rmse"]
     assert after.metrics["val_kl"] > 0.5
+    assert after.module.steps == 250
     assert not after.module.training
     shown = after.reconstructions
     assert shown is not None

@@ -55,7 +55,7 @@ def test_info_nce_scores_the_next_state_above_all_others() -> None:
     for _ in range(200):
         angle, others = 2 * math.pi * torch.rand(64), 2 * math.pi * torch.rand(50)
         optimizer.zero_grad()
-        contrast(*scores(angle, others)).backward()  # type: ignore[no-untyped-call]  # torch
+        contrast(*scores(angle, others)).backward()
         optimizer.step()
     clock = turn * torch.arange(12)
     with torch.no_grad():
@@ -97,5 +97,5 @@ def test_both_encoders_begin_as_that_of_the_autoencoder() -> None:
     for encoder in (model.score.encoder, model.inverse.encoder):
         assert torch.equal(encoder(images, context), expected)
     with torch.no_grad():
-        cvae.encoder.mean.bias += 1
+        cvae.encoder.mean.bias.add_(1)
     assert not torch.equal(cvae.encoder.mean.bias, model.score.encoder.mean.bias)
