@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from elast_cli.config import StrictModel
 from elast_cli.models.part import FitConfig, Section
@@ -45,17 +45,27 @@ class CvaeConfig(StrictModel):
 class ElboConfig(StrictModel):
     """The objective: binary cross-entropy of all pixels and a weighted divergence.
 
-    The weight rises from 0 in the first `warmup` of all steps. With the full weight from the start,
-    the posterior collapses to the prior where little of an image moves.
+    The weight is 0 in the first `free` of all steps and rises from there to `warmup`. With a weight
+    from the start, the posterior collapses to the prior before it shows what moves, if that is
+    small.
     """
 
     kl_weight: float = Field(default=10.0, ge=0, le=1e4, description="of the KL divergence")
-    warmup: float = Field(default=0.5, ge=0, le=1, description="share of steps; 0: none")
+    free: float = Field(default=0.4, ge=0, le=1, description="share of steps without weight")
+    warmup: float = Field(default=0.8, ge=0, le=1, description="share of steps to the full weight")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ElboConfig:
+        if self.free > self.warmup:
+            raise ValueError(f"warmup must be at least free, {self.free:g}")
+        return self
 
     def weight_at(self, step: int, steps: int) -> float:
         """The weight at a step, from 0 on, of all `steps`."""
-        rising = self.warmup * steps
-        return self.kl_weight * min(1.0, step / rising) if rising else self.kl_weight
+        since, rising = step - self.free * steps, (self.warmup - self.free) * steps
+        if rising:
+            return self.kl_weight * min(max(since / rising, 0.0), 1.0)
+        return self.kl_weight * (since >= 0)
 
 
 class CvaeSection(Section):

@@ -92,7 +92,11 @@ def test_the_objective_of_a_grey_decoder_is_ln_2_a_pixel_and_the_divergence() ->
     assert float(total) == pytest.approx(float(parts["bce"]) + 10 * 6, rel=1e-6)
 
 
-def test_the_weight_of_the_divergence_rises_and_stays() -> None:
-    config = ElboConfig(kl_weight=8, warmup=0.5)
-    assert [config.weight_at(step, 8) for step in range(8)] == [0, 2, 4, 6, 8, 8, 8, 8]
-    assert ElboConfig(kl_weight=8, warmup=0).weight_at(0, 8) == 8
+def test_the_weight_of_the_divergence_is_nothing_then_rises_and_stays() -> None:
+    config = ElboConfig(kl_weight=8, free=0.25, warmup=0.75)
+    assert [config.weight_at(step, 8) for step in range(8)] == [0, 0, 0, 2, 4, 6, 8, 8]
+    assert ElboConfig(kl_weight=8, free=0, warmup=0).weight_at(0, 8) == 8
+    sudden = ElboConfig(kl_weight=8, free=0.5, warmup=0.5)
+    assert [sudden.weight_at(step, 4) for step in range(4)] == [0, 0, 8, 8]
+    with pytest.raises(ValueError, match=r"warmup must be at least free, 0\.5"):
+        ElboConfig(free=0.5, warmup=0.4)
