@@ -18,7 +18,7 @@ Digests = dict[str, Value]
 
 KINDS = (
     *("context", "encoder", "ensemble", "density", "policy"),
-    *("gcbc", "pixel_gcbc", "gcidm", "gciql", "graph"),
+    *("gcbc", "pixel_gcbc", "gcidm", "gciql", "graph", "cvae", "htm"),
 )
 SHOWN = 20  # differences of one group that are listed
 

@@ -47,7 +47,9 @@ MOST = (
     "elast,elast-psi,elast-literal,elast-serial,elast-no-reuse,elast-no-refine,"
     "elast-psi-no-density,elast-no-rewire,elast-no-sparse,elast-no-ensemble,cpc-cem,random"
 )
-RIVALS = "cpc-gcbc,v-gcbc,cpc-gcidm,cpc-gciql,cpc-icem,cpc-mppi,cpc-coll,cpc-grad,knn-graph,planet"
+RIVALS = (
+    "cpc-gcbc,v-gcbc,cpc-gcidm,cpc-gciql,cpc-icem,cpc-mppi,cpc-coll,cpc-grad,knn-graph,planet,htm"
+)
 ALL = f"{MOST},elast-no-support,elast-no-roundtrip"
 SMALL = (
     "collect.n=1500 context.fit.steps=60 context.fit.batch_size=32 encoder.fit.batch_size=64 "
@@ -57,7 +59,8 @@ SMALL = (
 SHORT = (
     "gcbc.fit.steps=60 pixel_gcbc.fit.steps=20 gcidm.fit.steps=60 gciql.fit.steps=60 "
     "graph.net.nodes=600 collocation.iterations=20 gradient.iterations=40 "
-    "rssm.fit.steps=6 planet.n_steps=2"
+    "rssm.fit.steps=6 planet.n_steps=2 "
+    "cvae.fit.steps=10 htm.fit.steps=5 htm.pairs.negatives=10"
 )
 NARROW = "ensemble.net.width=64 ensemble.net.depth=2 density.net.width=64 policy.net.width=64"
 

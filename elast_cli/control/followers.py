@@ -112,6 +112,30 @@ class TrackStates:
 
 
 @dataclass(frozen=True)
+class PaceStates:
+    """Aim at each planned latent for some steps, whether it was reached or not (HTM).
+
+    The last one is the goal. Progress counts steps, not waypoints.
+    """
+
+    policy: LocalControl
+    steps: int
+
+    def act(
+        self, route: Route, z: Float32, goal: Float32, context: Float32
+    ) -> tuple[Float32, Route]:
+        """Actions [B,A] towards each row's waypoint."""
+        at = np.minimum(1 + route.progress // self.steps, route.length - 1)
+        target = route.states[np.arange(len(z)), at]
+        after = replace(route, progress=route.progress + 1, aim=target)
+        return self.policy(z, target, context), after
+
+    def spent(self, route: Route) -> Bool:
+        """No row [B]: past the last waypoint it aims at the goal."""
+        return np.zeros(len(route.length), np.bool_)
+
+
+@dataclass(frozen=True)
 class PlayActions:
     """Play planned actions unchanged; past the end the action is zero."""
 

@@ -182,6 +182,15 @@ for _name, _about, _parts, _sections in (
             builder="elast_cli.methods.goal_policy:build",
         )
     )
+register(
+    Method(
+        name="htm",
+        about="shortest paths between hallucinated images",
+        parts=("cvae", "htm"),
+        sections={"hallucination": "elast_cli.planners.hallucination.config:HallucinationConfig"},
+        builder="elast_cli.methods.htm:build",
+    )
+)
 for _word, _section, _about in (
     ("coll", "collocation", "latents and actions by Gauss-Newton, on h_f"),
     ("grad", "gradient", "latents and actions by Adam, on h_f"),

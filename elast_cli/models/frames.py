@@ -20,7 +20,7 @@ from torch import Tensor
 
 from elast_cli.data.images import Images, blocks
 from elast_cli.errors import StorageError
-from elast_cli.models.nets import PooledImages
+from elast_cli.models.nets import Pooling
 from elast_cli.models.part import IMAGE_SHARE, Setting
 from elast_cli.shapes import Int64
 
@@ -117,7 +117,7 @@ def _place(size: int, setting: Setting) -> torch.device | None:
     return torch.device("cpu") if size <= IMAGE_SHARE * setting.memory_gb * 1e9 else None
 
 
-def image_features(images: Images, net: PooledImages, setting: Setting) -> Frames:
+def image_features(images: Images, net: Pooling, setting: Setting) -> Frames:
     """Images u8 [N,64,64,3] as `net` takes them.
 
     Args:
@@ -128,5 +128,11 @@ def image_features(images: Images, net: PooledImages, setting: Setting) -> Frame
     Returns:
         Preprocessed images float16 [N,3,S,S].
     """
-    parts = (net.preprocess(torch.from_numpy(block)) for _, block in blocks(images))
+    parts = (_features(net, torch.from_numpy(block)) for _, block in blocks(images))
     return collected(parts, len(images), setting)
+
+
+def _features(net: Pooling, pixels: Tensor) -> Tensor:
+    """A block of images, in bytes where nothing is averaged: the same numbers."""
+    found = net.preprocess(pixels)
+    return found.byte() if net.pool == 1 else found

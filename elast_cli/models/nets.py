@@ -76,7 +76,24 @@ def mlp(sizes: Sequence[int]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class PooledImages(nn.Module):
+class Pooling(nn.Module):
+    """Average-pools images to S x S."""
+
+    def __init__(self, pool: int) -> None:
+        super().__init__()
+        self.pool, self.side = pool, IMAGE_SIZE // pool
+
+    def preprocess(self, pixels: Tensor) -> Tensor:
+        """Average-pool frames uint8 [N,64,64,3] to uint8-valued float16 [N,3,S,S] in [0, 255]."""
+        side, pool = self.side, self.pool
+        parts = [
+            _block_sums(part.float(), side, pool).div_(pool * pool).half()
+            for part in pixels.split(256)  # small enough to stay in the cache
+        ]
+        return torch.cat(parts).permute(0, 3, 1, 2).contiguous()
+
+
+class PooledImages(Pooling):
     """Images average-pooled to S x S, less their mean image, in units of one global scale.
 
     Or in whitened colours: combinations of red, green and blue that are uncorrelated and have equal
@@ -89,21 +106,12 @@ class PooledImages(nn.Module):
     colours: Tensor
 
     def __init__(self, pool: int, *, whiten: bool = False) -> None:
-        super().__init__()
-        self.pool, self.side, self.whiten = pool, IMAGE_SIZE // pool, whiten
+        super().__init__(pool)
+        self.whiten = whiten
         self.register_buffer("mean", torch.zeros(3, self.side, self.side))
         self.register_buffer("scale", torch.ones(()))
         if whiten:
             self.register_buffer("colours", torch.eye(3))
-
-    def preprocess(self, pixels: Tensor) -> Tensor:
-        """Average-pool frames uint8 [N,64,64,3] to uint8-valued float16 [N,3,S,S] in [0, 255]."""
-        side, pool = self.side, self.pool
-        parts = [
-            _block_sums(part.float(), side, pool).div_(pool * pool).half()
-            for part in pixels.split(256)  # small enough to stay in the cache
-        ]
-        return torch.cat(parts).permute(0, 3, 1, 2).contiguous()
 
     def fit_normalization(self, features: Tensor) -> None:
         """Set the mean image, the global scale and colours from preprocessed frames [N,3,S,S]."""

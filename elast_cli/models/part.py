@@ -66,6 +66,11 @@ class Sizes(StrictModel):
     context: int = Field(ge=0, le=MAX_SIZE)
     state: int = Field(gt=0, le=MAX_SIZE)
 
+    @property
+    def has_context(self) -> bool:
+        """Whether episodes differ in their context."""
+        return self.context > 0
+
 
 class ModelSpec(Protocol):
     """What is stored beside the weights: all that is needed to build the module again."""

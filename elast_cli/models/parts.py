@@ -213,3 +213,17 @@ register(
         fitted=False,
     )
 )
+register(
+    _row(
+        "cvae",
+        about="Train an autoencoder that generates images, in a context where there is one.",
+        needs="dataset",
+    )
+)
+register(
+    _row(
+        "htm",
+        about="Train the connectivity of generated images, and an inverse model.",
+        needs="dataset cvae",
+    )
+)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,14 @@ from elast_cli.models.tensors import Want
 from elast_cli.shapes import IMAGE_SIZE
 
 
-def weight_bytes(kind: str, section: PartSection, sizes: Sizes, *, packed: bool = False) -> float:
+def weight_bytes(
+    kind: str,
+    section: PartSection,
+    sizes: Sizes,
+    *,
+    packed: bool = False,
+    nets: Mapping[str, Any] | None = None,
+) -> float:
     """Bytes of a part's tensors; NaN if its spec does not name them.
 
     Args:
@@ -20,9 +29,11 @@ def weight_bytes(kind: str, section: PartSection, sizes: Sizes, *, packed: bool 
         section: its section of a preset.
         sizes: of what it is made from.
         packed: trained weights are stored as bfloat16.
+        nets: shapes of other parts that this one's depends on, by field of its spec.
     """
     spec = part_named(kind).spec
     known = {name: getattr(section, name, getattr(sizes, name, None)) for name in spec.model_fields}
+    known |= nets or {}
     if "sizes" in known:
         known["sizes"] = sizes
     if not hasattr(spec, "tensors") or None in known.values():

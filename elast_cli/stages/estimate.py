@@ -48,11 +48,13 @@ ITEM = {"context": 250e-6, "encoder": 70e-6, "ensemble": 25e-6, "density": 75e-6
 # From short trainings of the default sizes.
 ITEM |= {"gcbc": 60e-6, "gcidm": 60e-6, "gciql": 360e-6}
 # The same of convolutions, by side * side * channels of each image of an item.
-PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9, "rssm": 25e-9}
+PIXEL = {"encoder": 65e-9, "pixel_gcbc": 22e-9, "rssm": 25e-9, "cvae": 40e-9, "htm": 120e-9}
+SHAPED_BY = {"htm": "cvae"}  # parts whose convolutions have the shape of another part's
 # Seconds of a step of an episode, by section of the method, or by the policy that is asked for it.
 STEP = {"planner": 0.05, "cem": 0.04, "icem": 0.04, "mppi": 0.04, "collect": 0.001}
 STEP |= {"gcbc": 0.001, "pixel_gcbc": 0.003, "gcidm": 0.001, "gciql": 0.001}
-STEP |= {"collocation": 0.1, "gradient": 0.1, "graph_search": 0.05, "planet": 0.3, "rssm": 0.004}
+STEP |= {"collocation": 0.1, "gradient": 0.1, "graph_search": 0.05, "hallucination": 0.02}
+STEP |= {"planet": 0.3, "rssm": 0.004}
 START, REPORT, PLAN = 3.0, 2.0, 4.0  # seconds: loading, a report, a plan
 COLLECTOR, TORCH, EVALUATOR = 0.2e9, 0.3e9, 0.42e9  # bytes of memory of a process
 CURVE_ROW, EPISODE, FILMS, FIGURE = 300, 450, 150e3, 450e3  # bytes; films of one level
@@ -147,14 +149,23 @@ def _of_part(job: Job, kind: str, inputs: Mapping[str, Ref]) -> Estimate:
     sizes, fit = _sizes(job), section.fit if isinstance(section, Section) else None
     rows, episodes = _frames(job, inputs)
     need, spare = train.memory(job, rows)
-    images = (episodes if kind == CONTEXT else rows) * image_bytes(section)
+    shaper = _shaper(job, kind)
+    nets = {SHAPED_BY[kind]: getattr(shaper, "net", None)} if kind in SHAPED_BY else {}
+    images = (episodes if kind == CONTEXT else rows) * image_bytes(shaper)
     memory = TORCH + need + (images if images <= IMAGE_SHARE * spare else 0)
-    memory += 4 * weight_bytes(kind, section, sizes)  # gradients and two moments besides
+    # gradients and two moments besides
+    memory += 4 * weight_bytes(kind, section, sizes, nets=nets)
     packed = fit is not None and _in_bfloat16(fit.precision, job.device)
-    size = weight_bytes(kind, section, sizes, packed=packed)
+    size = weight_bytes(kind, section, sizes, packed=packed, nets=nets)
     size += CURVE_ROW * (math.ceil(fit.steps / fit.log_every) if fit else 1)
     seconds, source = _training_seconds(job, kind, section)
     return _estimate(size, memory if job.device == "cpu" else math.nan, seconds, source, SHAPES)
+
+
+def _shaper(job: Job, kind: str) -> PartSection:
+    """The section with the shape of a part's convolutions: its own, or another part's."""
+    of = SHAPED_BY.get(kind, kind)
+    return job.config.section(of, part_named(of).section)
 
 
 def _in_bfloat16(precision: Precision, device: str) -> bool:
@@ -175,7 +186,7 @@ def _training_seconds(job: Job, kind: str, section: PartSection) -> tuple[float,
     earlier = Earlier.latest(job, kind, alike)
     if not isinstance(section, Section):
         return (earlier.seconds, str(earlier)) if earlier else (START, RULE)
-    fit, net = section.fit, getattr(section, "net", None)
+    fit, net = section.fit, getattr(_shaper(job, kind), "net", None)
     if earlier:
         return fit.steps / earlier.setting(kind, "fit", "steps") * earlier.seconds, str(earlier)
     item = ITEM.get(kind, math.nan)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elast_cli.control.followers import PlayActions, TrackStates
+from elast_cli.control.followers import PaceStates, PlayActions, TrackStates
 from tests.toys.control import column, line, plan_of, towards
 
 NO_CONTEXT = np.zeros((1, 1), np.float32)
@@ -99,3 +99,17 @@ def test_new_plans_replace_some_rows_and_leave_the_others() -> None:
     assert route.length.tolist() == [3, 4]
     assert route.progress.tolist() == [1, 0]
     assert route.states[..., 0].tolist() == [[0, 1, 2, 2], [8, 9, 10, 11]]
+
+
+def test_each_waypoint_is_aimed_at_for_some_steps_and_then_the_goal() -> None:
+    follower, route = PaceStates(towards, steps=2), line([0, 1, 2, 9], [0, 7, 7, 7], length=[4, 2])
+    aims = []
+    for _ in range(8):
+        action, route = follower.act(
+            route, column(0, 5), column(9, 7), np.zeros((2, 1), np.float32)
+        )
+        np.testing.assert_array_equal(action.ravel(), route.aim.ravel() - np.array([0, 5]))
+        aims.append(route.aim[:, 0].tolist())
+        assert not follower.spent(route).any()
+    assert [aim[0] for aim in aims] == [1, 1, 2, 2, 9, 9, 9, 9]
+    assert [aim[1] for aim in aims] == [7] * 8

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elast_cli.control.base import ControlConfig, Task
-from elast_cli.control.followers import PlayActions, TrackStates
+from elast_cli.control.followers import PaceStates, PlayActions, TrackStates
 from elast_cli.control.random_actions import Random
 from elast_cli.control.reactive import Reactive
 from elast_cli.control.replan import Replan
@@ -24,6 +24,7 @@ from elast_cli.models.encoder.cpc import Representation
 from elast_cli.models.files import save_model
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.planners.cem import CemConfig, CemPlanner, PlanetConfig
+from elast_cli.planners.hallucination.search import HallucinationPlanner
 from elast_cli.planners.refined_tree import ShootingPlanner
 from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.preset import Preset
@@ -74,6 +75,11 @@ def test_methods_are_built_of_the_parts_they_name(
     assert isinstance(planet.planner, CemPlanner)
     assert planet.planner.measured == SMALL_RSSM.stochastic
     assert planet.every == tiny.section("planet", PlanetConfig).replan_every
+    images = build("htm")
+    assert isinstance(images, Replan)
+    assert isinstance(images.planner, HallucinationPlanner)
+    assert isinstance(images.follower, PaceStates)
+    assert (images.follower.steps, images.every) == (10, 200)
     for name in ("cpc-gcbc", "v-gcbc", "cpc-gcidm", "cpc-gciql"):
         assert isinstance(build(name), Reactive)
 

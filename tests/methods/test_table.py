@@ -83,7 +83,8 @@ def test_a_variant_differs_from_its_base_in_what_it_says_and_nothing_else(
 
 
 def test_the_table_holds_these_methods_and_no_others() -> None:
-    rivals = {"cpc-cem", "cpc-icem", "cpc-mppi", "cpc-coll", "cpc-grad", "knn-graph", "planet"}
+    rivals = {"cpc-cem", "cpc-icem", "cpc-mppi", "cpc-coll", "cpc-grad", "knn-graph"}
+    rivals |= {"planet", "htm"}
     policies = {"cpc-gcbc", "v-gcbc", "cpc-gcidm", "cpc-gciql"}
     assert set(METHODS) == {"elast", "random", *rivals, *policies, *VARIANTS}
     assert all(method.name == name and method.about for name, method in METHODS.items())

@@ -18,7 +18,7 @@ from elast_cli.models.parts import PARTS, Part, closure, kinds, needs, part_name
 
 ELAST = ["context", "encoder", "ensemble", "density", "policy"]
 GOAL_POLICIES = ["gcbc", "pixel_gcbc", "gcidm", "gciql"]
-OURS = [*ELAST, *GOAL_POLICIES, "rssm", "graph"]
+OURS = [*ELAST, *GOAL_POLICIES, "rssm", "graph", "cvae", "htm"]
 
 
 def row(kind: str, needs: str = "dataset", needs_where_context: str = "") -> Part:
@@ -63,6 +63,8 @@ def test_every_part_stands_behind_all_that_it_needs(kind: str) -> None:
         ("gciql", "dataset context encoder", "dataset encoder"),
         ("rssm", "dataset", "dataset"),
         ("graph", "dataset context encoder", "dataset encoder"),
+        ("cvae", "dataset", "dataset"),
+        ("htm", "dataset cvae", "dataset cvae"),
     ],
 )
 def test_a_part_needs_more_where_episodes_differ_in_their_context(

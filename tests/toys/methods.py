@@ -29,7 +29,7 @@ from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.models.rssm.net import Rssm
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.preset import Preset
-from tests.toys.models import SMALL_RSSM, trained
+from tests.toys.models import SMALL_RSSM, hallucination, trained
 
 ROWS, LATENT, STATE = 2, 3, 2
 TINY = [
@@ -44,6 +44,7 @@ TINY = [
     "planet.topk=4",
     "planet.n_steps=2",
     "planet.horizon=5",
+    "hallucination.samples=20",
 ]
 
 
@@ -96,6 +97,7 @@ def save_tiny(folder: Path, env: str) -> dict[str, Path]:
     pixels = PixelGcbcConfig(width=8, depth=1, pool=4, channels=4)
     parts["rssm"] = Rssm(SMALL_RSSM, action)
     parts["pixel_gcbc"] = PixelGoalPolicy(pixels, action, 0)
+    parts |= hallucination(action, has_context=False)
     for kind, module in parts.items():
         (folder / kind).mkdir()
         save_model(folder / kind, trained(module, sizes))

@@ -8,6 +8,8 @@ from torch import nn
 from elast_cli.config import StrictModel
 from elast_cli.models.context.config import ContextConfig, ContextSpec
 from elast_cli.models.context.net import ContextAutoencoder
+from elast_cli.models.cvae.config import CvaeConfig, CvaeSpec
+from elast_cli.models.cvae.net import Cvae
 from elast_cli.models.density.config import DensityConfig, DensitySpec
 from elast_cli.models.density.net import TransitionDensity
 from elast_cli.models.encoder.config import CpcConfig, EncoderConfig, EncoderSpec
@@ -22,6 +24,8 @@ from elast_cli.models.goal_policy.pixel_gcbc.config import PixelGcbcConfig, Pixe
 from elast_cli.models.goal_policy.pixel_gcbc.net import PixelGoalPolicy
 from elast_cli.models.graph.config import GraphConfig, GraphSpec
 from elast_cli.models.graph.net import TrainingStates
+from elast_cli.models.htm.config import HtmConfig, HtmSpec
+from elast_cli.models.htm.net import Htm
 from elast_cli.models.nets import LatentScale
 from elast_cli.models.part import Sizes, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySpec
@@ -33,7 +37,10 @@ LATENT, ACTION, CONTEXT, STATE = 4, 2, 3, 2
 SMALL_RSSM = RssmConfig(stochastic=5, belief=9, hidden=7, channels=2)
 SIZES = Sizes(latent=LATENT, action=ACTION, context=CONTEXT, state=STATE)
 GOAL_POLICIES = ("gcbc", "gcidm", "pixel_gcbc")  # what gciql keeps has the form of gcbc
-KINDS = ("context", "encoder", "ensemble", "density", "policy", *GOAL_POLICIES, "rssm", "graph")
+ON_LATENTS = ("ensemble", "density", "policy", "graph")
+KINDS = ("context", "encoder", *ON_LATENTS, *GOAL_POLICIES, "rssm", "cvae", "htm")
+IMAGES = CvaeConfig(latent_size=6, channels=4, pool=4)
+INVERSE = HtmConfig(width=8, depth=2)
 
 
 def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str, nn.Module]:
@@ -69,11 +76,24 @@ def models(context: int = CONTEXT, architecture: str = "pooled-mlp") -> dict[str
         found["context"] = ContextAutoencoder(
             ContextConfig(latent_size=context, channels=4, pool=4)
         )
-    found |= goal_policies(context)
+    found |= {**goal_policies(context), **hallucination(ACTION, has_context=context > 0)}
     for module in [part for model in found.values() for part in model.modules()]:
         if isinstance(module, LatentScale):
             module.fit(z, z + 0.3 * torch.randn_like(z))
     return {name: model.requires_grad_(False).eval() for name, model in found.items()}
+
+
+def hallucination(action: int, *, has_context: bool) -> dict[str, nn.Module]:
+    """The networks of HTM, whose batch normalisation is not the identity."""
+    found: dict[str, nn.Module] = {
+        "cvae": Cvae(IMAGES, has_context=has_context),
+        "htm": Htm(INVERSE, IMAGES, action, has_context=has_context),
+    }
+    for part in [part for model in found.values() for part in model.modules()]:
+        if isinstance(part, nn.BatchNorm1d | nn.BatchNorm2d):
+            assert part.running_mean is not None
+            part.running_mean.normal_(std=0.1)
+    return found
 
 
 def goal_policies(context: int = CONTEXT) -> dict[str, nn.Module]:
@@ -111,14 +131,19 @@ def spec_of(model: nn.Module, sizes: Sizes) -> StrictModel:
             return GcidmSpec(sizes=sizes, net=net)
         case GoalPolicy():
             return GcbcSpec(sizes=sizes, net=model.config)
-    return _spec_on_images(model, sizes)
+    return spec_on_images(model, sizes)
 
 
-def _spec_on_images(model: nn.Module, sizes: Sizes) -> StrictModel:
-    """The same of models that take images and no latents."""
+def spec_on_images(model: nn.Module, sizes: Sizes) -> StrictModel:
+    """The same of models that see images alone."""
     match model:
         case PixelGoalPolicy():
             return PixelGcbcSpec(net=model.config, action=sizes.action, context=sizes.context)
         case Rssm():
             return RssmSpec(net=model.config, action=model.action_size)
+        case Cvae():
+            return CvaeSpec(net=model.config, has_context=model.has_context)
+        case Htm():
+            of = sizes.has_context
+            return HtmSpec(net=INVERSE, cvae=IMAGES, has_context=of, action=sizes.action)
     raise TypeError(f"a {type(model).__name__} is no part")

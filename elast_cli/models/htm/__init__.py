@@ -1,0 +1,1 @@
+"""Connectivity of hallucinated images, and the inverse model that follows them."""

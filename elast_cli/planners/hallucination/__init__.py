@@ -1,0 +1,1 @@
+"""Shortest paths on a graph of hallucinated images (HTM)."""
