@@ -188,12 +188,12 @@ def list_artifacts(
     json: Json = False,
 ) -> None:
     """List artifacts."""
-    from elast_cli.envs.registry import spec
+    from elast_cli.envs.registry import named
     from elast_cli.stages import inspect
     from elast_cli.store.store import Store
 
     if env is not None:
-        spec(env)  # an unknown name is an error, not an empty list
+        env, _ = named(env)  # an unknown name is an error, not an empty list
     rows = inspect.listing(Store.default(), env, kind)
     show_data(rows, inspect.listing_table, json=json)
 
