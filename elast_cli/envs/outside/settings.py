@@ -17,7 +17,7 @@ from elast_cli.envs.outside.world import World
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
-EPISODES, STEPS, EVERY = 10, 50, 10  # of the calibration; every tenth step and the next count
+EPISODES, STEPS, EVERY = 10, 50, 10  # of the calibration: two states in a row of every ten
 FALSE_RATE = 0.01  # of unrelated frames, those that may count as successes
 
 
@@ -110,7 +110,7 @@ def _calibrated(world: World) -> float:
         rng = generator("settings", 0, episode)
         last = None
         for count in world.rollout(int(rng.integers(2**31)), rng, STEPS):
-            if count % EVERY > 1:
+            if (count - 1) % EVERY > 1:
                 last = None
                 continue
             seen = compared(world)
