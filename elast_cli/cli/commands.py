@@ -229,11 +229,14 @@ def compare(
     from elast_cli.stages import results
     from elast_cli.store.store import Store
 
-    found = results.comparison(Store.default(), ref_a, ref_b)
+    store = Store.default()
+    found = results.comparison(store, ref_a, ref_b)
     if json:
         print_json([row.model_dump(mode="json") for row in found])
-    else:
-        print_rich(comparison_table(found))
+        return
+    print_rich(comparison_table(found))
+    if notes := results.success_of(store, ref_a, ref_b):
+        print_text("\n".join(notes))
 
 
 def envs(json: Json = False) -> None:

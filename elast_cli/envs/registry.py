@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -263,7 +264,8 @@ def task_info(name: str, config: Mapping[str, object] | None = None) -> TaskInfo
 
 @cache
 def _task_info(name: str, config: str | None) -> TaskInfo:
-    return make(name, None if config is None else json.loads(config)).task_info
+    with closing(make(name, None if config is None else json.loads(config))) as env:
+        return env.task_info
 
 
 def scenarios(
@@ -283,11 +285,11 @@ def scenarios(
     Raises:
         UsageError: if the environment or the level is unknown, or if it draws no scenarios.
     """
-    env = make(env_name, config)
-    key = zlib.crc32(env.task_info.level(level).name.encode())
-    if not isinstance(env, DrawsScenarios):
-        raise UsageError(f"{env_name} has no scenarios and can only be collected from")
-    return [
-        env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
-        for index in range(first, first + count)
-    ]
+    with closing(make(env_name, config)) as env:
+        key = zlib.crc32(env.task_info.level(level).name.encode())
+        if not isinstance(env, DrawsScenarios):
+            raise UsageError(f"{env_name} has no scenarios and can only be collected from")
+        return [
+            env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
+            for index in range(first, first + count)
+        ]

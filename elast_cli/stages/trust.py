@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 from elast_cli.config import JsonDict
 from elast_cli.envs.outside.config import CODE_KEYS, INFO, RANDOM
-from elast_cli.envs.outside.names import is_outside
+from elast_cli.envs.outside.names import is_outside, may_be_id
 from elast_cli.envs.registry import named
 from elast_cli.errors import DataError, MissingInputError, UntrustedError
 from elast_cli.preset import ENV
@@ -66,8 +66,9 @@ def _recorded(store: Store, name: str) -> tuple[Ref, str]:
             section = store.manifest(ref).recipe.config.get(ENV)
         except DataError:
             continue
-        if isinstance(section, dict) and isinstance(section.get("id"), str):
-            return ref, str(section["id"])
+        found = section.get("id") if isinstance(section, dict) else None
+        if isinstance(found, str) and may_be_id(found):
+            return ref, found
     raise MissingInputError(
         f"there is no artifact of {name}; name the environment by its Gymnasium id, as in "
         "--env Pendulum-v1"

@@ -59,7 +59,7 @@ def test_episodes_that_end_early_are_shorter(homes: tuple[Path, Path]) -> None:
 
 
 def test_the_recipe_holds_all_settings_and_tables_say_what_success_is(
-    homes: tuple[Path, Path],
+    homes: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = Store(homes[0])
     env = store.manifest(Ref(NAME, "dataset", 1)).recipe.config["env"]
@@ -72,3 +72,16 @@ def test_the_recipe_holds_all_settings_and_tables_say_what_success_is(
     assert isinstance(radius, float)
     table = (store.path(Ref(NAME, "report", 1)) / "table.txt").read_text()
     assert table.splitlines()[-1].startswith(f"success in {ID}: image within {radius:g} of")
+    capsys.readouterr()
+    assert run_in(homes[0], ["compare", f"{NAME}/eval/v1", f"{NAME}/eval/v2"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == table.splitlines()[-1]
+
+
+def test_a_plan_is_explained(
+    homes: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plan", *WORDS[1:5], *WORDS[9:], "--json", "--level", "far"]
+    assert run_in(homes[0], words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["env"] == NAME
+    assert len(found["start"]) == len(found["goal"]) == 3

@@ -63,6 +63,8 @@ class OutsideEnv(gymnasium.Env[Frame, Vector]):
         self.world = World(self.config)
         self._hook = load_hook(self.config.hook) if self.config.hook else None
         self._goal: _Goal | None = None  # none while collecting
+        self.world.reset(0)
+        self._names = tuple(self.world.named_state())
         size = self.world.action_size
         self.observation_space = gymnasium.spaces.Box(0, 255, (IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (size,), np.float32)
@@ -81,12 +83,11 @@ class OutsideEnv(gymnasium.Env[Frame, Vector]):
 
     @property
     def task_info(self) -> TaskInfo:
-        """Sizes, levels and success. Begins an episode, whose state has the names."""
-        self.world.reset(0)
+        """Sizes, levels and success."""
         radius = self.config.success_radius
         return TaskInfo(
             action_size=self.world.action_size,
-            state_names=tuple(self.world.named_state()),
+            state_names=self._names,
             has_context=False,
             levels=self.levels,
             success_radius=radius,

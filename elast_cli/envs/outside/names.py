@@ -13,6 +13,7 @@ import gymnasium
 PREFIX = "gym-"
 MOST = 64  # letters of a name in a ref
 _MODULE_ID = re.compile(r"[A-Za-z_][\w.]*:[\w./-]+", re.ASCII)
+_ID = re.compile(r"[\w.:/-]{1,200}", re.ASCII)
 
 
 def is_outside(name: str) -> bool:
@@ -23,6 +24,11 @@ def is_outside(name: str) -> bool:
 def is_id(text: str) -> bool:
     """Whether a text is `module:Id`, or an id that Gymnasium knows."""
     return bool(_MODULE_ID.fullmatch(text)) or text in gymnasium.registry
+
+
+def may_be_id(text: str) -> bool:
+    """Whether a text out of a file has the form of an id, so that it can be shown."""
+    return bool(_ID.fullmatch(text))
 
 
 def name_of(env_id: str) -> str:
