@@ -77,9 +77,7 @@ def test_the_recipe_holds_all_settings_and_tables_say_what_success_is(
     assert capsys.readouterr().out.splitlines()[-1] == table.splitlines()[-1]
 
 
-def test_a_plan_is_explained(
-    homes: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_is_explained(homes: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     words = ["plan", *WORDS[1:5], *WORDS[9:], "--json", "--level", "far"]
     assert run_in(homes[0], words) == 0
     found = json.loads(capsys.readouterr().out)
