@@ -83,9 +83,7 @@ def register(entry: EnvSpec) -> None:
             return
         raise UsageError(f"environment {entry.name!r} is already registered with other values")
     if is_outside(entry.name):
-        raise UsageError(
-            f"environment {entry.name!r}: names in {PREFIX}... are taken; choose another"
-        )
+        raise UsageError(f"environment {entry.name!r}: names that begin with {PREFIX} are taken")
     if entry.gym_id in gymnasium.registry:
         raise UsageError(
             f"environment {entry.name!r}: gymnasium already has another {entry.gym_id}"
