@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -209,7 +209,7 @@ class Outcome:
     lineage: JsonDict
     folders: dict[str, str]
     overrides: list[str]
-    success: list[str]
+    success: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:

@@ -87,7 +87,7 @@ class Buttons(Slider):
 
     def __init__(self, *, render_mode: str | None = None) -> None:
         super().__init__(render_mode=render_mode)
-        self.action_space = Discrete(3)  # type: ignore[assignment]  # what is tested
+        self.action_space = Discrete(3)
 
 
 class Unbounded(Slider):

@@ -125,7 +125,7 @@ class OutsideEnv(gymnasium.Env[Frame, Vector]):
         reward = self.world.step(np.asarray(action, np.float32))
         return self.world.frame(), reward, False, self.world.ended, self._info()
 
-    def render(self) -> Frame:  # type: ignore[override]  # one frame, never a list
+    def render(self) -> Frame:
         """The current frame, u8 [64, 64, 3]."""
         return self.world.frame()
 

@@ -18,7 +18,7 @@ from elast_cli.errors import ConfigError, UsageError
 from elast_cli.seeding import generator
 
 EPISODES, STEPS, EVERY = 10, 50, 10  # of the calibration: two states in a row of every ten
-FALSE_RATE = 0.01  # of unrelated frames, those that may count as successes
+CHANCE = 0.1  # of a success in an episode of unrelated states
 
 
 def complete(config: OutsideConfig) -> OutsideConfig:
@@ -98,8 +98,9 @@ def _expect_repeatable(world: World) -> None:
 def _calibrated(world: World) -> float:
     """The distance up to which a state counts as the goal, to four digits.
 
-    It is the median distance of one random step, or less: so little that of pairs of states of
-    different episodes at most one in a hundred is that close.
+    It is the median distance of one random step, or less: so little that a walk through unrelated
+    states, as many as an episode has steps, comes that close with probability `CHANCE`. Pairs of
+    states of different episodes stand for unrelated ones.
 
     Raises:
         UsageError: random actions change nothing.
@@ -124,7 +125,8 @@ def _calibrated(world: World) -> float:
         if one != other
     ]
     moved = [step for step in steps if step > 0]
-    radius = min(float(np.median(moved)), float(np.quantile(pairs, FALSE_RATE))) if moved else 0.0
+    rate = CHANCE / world.config.max_steps
+    radius = min(float(np.median(moved)), float(np.quantile(pairs, rate))) if moved else 0.0
     if not radius > 0:
         raise UsageError(
             f"{world.config.id}: too little changes under random actions to say what success is; "

@@ -71,7 +71,7 @@ def test_an_action_is_repeated() -> None:
             rewards += reward
         frames.append(frame)
         assert rewards == -3
-    assert np.array_equal(*frames)
+    assert np.array_equal(frames[0], frames[1])
 
 
 def test_a_scenario_is_two_seeds() -> None:
@@ -233,7 +233,7 @@ def test_what_is_measured_is_the_same_each_time_and_of_the_data() -> None:
     assert 1 < state.success_radius < 8  # a random step moves by some pixels
 
 
-def test_the_radius_leaves_at_most_one_in_a_hundred_unrelated_frames() -> None:
+def test_hardly_any_unrelated_frame_is_within_the_radius() -> None:
     env = env_of()
     rng = np.random.default_rng(0)
     inner: Any = env.world.inner.unwrapped
@@ -242,7 +242,7 @@ def test_the_radius_leaves_at_most_one_in_a_hundred_unrelated_frames() -> None:
         env.reset(seed=index, options={"level": "far"})
         inner.state = rng.uniform((6, 6, 0), (WIDTH - 6, HEIGHT - 6, 100))
         inside += env.step(np.zeros(3, np.float32))[4]["success"]
-    assert inside <= 12
+    assert inside <= 3
 
 
 def test_what_it_prints_does_not_reach_stdout(capsys: pytest.CaptureFixture[str]) -> None:
