@@ -100,7 +100,7 @@ def _calibrated(world: World) -> float:
 
     It is the median distance of one random step, or less: so little that a walk through unrelated
     states, as many as an episode has steps, comes that close with probability `CHANCE`. Pairs of
-    states of different episodes stand for unrelated ones.
+    states of different episodes stand for unrelated ones; those that do not differ are left out.
 
     Raises:
         UsageError: random actions change nothing.
@@ -124,12 +124,11 @@ def _calibrated(world: World) -> float:
         for (one, a), (other, b) in combinations(samples, 2)
         if one != other
     ]
-    moved = [step for step in steps if step > 0]
-    rate = CHANCE / world.config.max_steps
-    radius = min(float(np.median(moved)), float(np.quantile(pairs, rate))) if moved else 0.0
-    if not radius > 0:
+    moved, differing = ([d for d in some if d > 0] for some in (steps, pairs))
+    if not (moved and differing):
         raise UsageError(
             f"{world.config.id}: too little changes under random actions to say what success is; "
             "set env.success_radius, or another env.success"
         )
-    return float(f"{radius:.4g}")
+    unrelated = np.quantile(differing, CHANCE / world.config.max_steps)
+    return float(f"{min(float(np.median(moved)), float(unrelated)):.4g}")
