@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 
 from elast_cli.cli.app import app
 from elast_cli.config import StrictModel
+from elast_cli.envs.outside.config import OutsideConfig
 from elast_cli.envs.registry import ENVS
 from elast_cli.methods.table import METHODS, Method
 from elast_cli.stages.presets import sections
@@ -100,6 +101,7 @@ def configuration() -> Iterator[str]:
         yield from _section(name, name, of)
     for env, spec in ENVS.items():
         yield from _section(f"env of {env}", "env", spec.config_class)
+    yield from _section("env of a Gymnasium id", "env", OutsideConfig)
 
 
 def _section(title: str, key: str, of: type[StrictModel]) -> Iterator[str]:
@@ -169,6 +171,8 @@ def _values(field: FieldInfo) -> str:
 def _kinds(annotation: Any) -> list[str]:
     if get_origin(annotation) is Literal:
         return [_value(word) for word in get_args(annotation)]
+    if get_origin(annotation) is dict:
+        return ["keys and values"]
     if args := get_args(annotation):
         if get_origin(annotation) is tuple:
             return ["list"]

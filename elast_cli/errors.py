@@ -58,6 +58,12 @@ class BusyError(ElastError):
     exit_code = 75
 
 
+class UntrustedError(ElastError):
+    """A file names outside code, and neither the command line nor `--trust-code` agrees to it."""
+
+    exit_code = 77
+
+
 class ConfigError(ElastError):
     """A bad key or value in a configuration file or in `--set`."""
 

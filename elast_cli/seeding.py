@@ -6,7 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-Domain = Literal["collect", "train", "scenario-val", "scenario-test", "plan", "control"]
+Domain = Literal[
+    "collect", "train", "scenario-val", "scenario-test", "plan", "control", "goal", "settings"
+]
 
 _DOMAINS: dict[Domain, int] = {
     "collect": 1,
@@ -15,6 +17,8 @@ _DOMAINS: dict[Domain, int] = {
     "scenario-test": 4,
     "plan": 5,
     "control": 6,
+    "goal": 7,
+    "settings": 8,
 }
 
 

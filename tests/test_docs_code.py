@@ -56,7 +56,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Write]:
 
     yield written
     for name in set(sys.modules) - before:
-        if name.partition(".")[0] in {"my_envs", "my_package", "my_elast"}:
+        if name.partition(".")[0] in {"my_envs", "my_package", "my_elast", "tray"}:
             del sys.modules[name]
 
 
@@ -109,6 +109,23 @@ def test_the_tutorials_environment_is_found_checked_and_collected_from(
             if info["success"]:
                 break
         assert info["success"]
+
+
+def test_the_tutorials_gymnasium_environment_is_collected_from_and_evaluated(
+    write: Write, home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    page = (DOCS / "tutorial/your-own-environment.md").read_text().replace("\\\n", "")
+    lines = [line.strip() for line in page.splitlines() if "--env tray:Tray" in line]
+    assert len(lines) == 3
+    small = ["--workers", "1", "--quiet"]
+    assert write("tutorial/your-own-environment.md") == home
+    assert cli.run([*shlex.split(lines[0])[1:], *small, "--n", "100"]) == 0
+    assert capsys.readouterr().out == "gym-tray-tray/dataset/v1\n"
+    assert cli.run([*shlex.split(lines[1])[1:], *small, "--dry-run"]) == 0
+    assert cli.run([*shlex.split(lines[2])[1:], *small, "--episodes", "2"]) == 0
+    said = capsys.readouterr().out
+    assert "success in tray:Tray: observation within 4 of the goal's" in said
 
 
 def test_gymnasium_code_of_the_reference_runs() -> None:

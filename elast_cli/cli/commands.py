@@ -162,12 +162,12 @@ def list_artifacts(
     json: Json = False,
 ) -> None:
     """List artifacts."""
-    from elast_cli.envs.registry import spec
+    from elast_cli.envs.registry import named
     from elast_cli.stages import inspect
     from elast_cli.store.store import Store
 
     if env is not None:
-        spec(env)  # an unknown name is an error, not an empty list
+        env, _ = named(env)  # an unknown name is an error, not an empty list
     rows = inspect.listing(Store.default(), env, kind)
     show_data(rows, inspect.listing_table, json=json)
 
@@ -203,11 +203,14 @@ def compare(
     from elast_cli.stages import results
     from elast_cli.store.store import Store
 
-    found = results.comparison(Store.default(), ref_a, ref_b)
+    store = Store.default()
+    found = results.comparison(store, ref_a, ref_b)
     if json:
         print_json([row.model_dump(mode="json") for row in found])
-    else:
-        print_rich(comparison_table(found))
+        return
+    print_rich(comparison_table(found))
+    if notes := results.success_of(store, ref_a, ref_b):
+        print_text("\n".join(notes))
 
 
 def write_report(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from json import dumps
 from typing import TYPE_CHECKING, Any
 
 from elast_cli.cli.options import Evaluating, Lineage, Override, Running
@@ -28,20 +29,23 @@ def job_of(
     """The job that the flags describe.
 
     Args:
-        env: the environment.
+        env: the environment's name, or the id of an outside one.
         lineage: preset, overrides, seed.
         running: how to run.
         extra: what other flags override; they win.
         given: refs named on the command line, by kind.
     """
     from elast_cli.stages.job import Job, resolve_device
+    from elast_cli.stages.trust import identified
 
     _refuse_contradiction(running)
+    store = _store()
+    name, env_id = identified(store, env, trusted=lineage.trust_code)
     return Job(
-        store=_store(),
-        env=env,
+        store=store,
+        env=name,
         preset=lineage.preset,
-        config=_config(env, lineage, extra),
+        config=_config(name, lineage, [*_naming(env_id), *extra]),
         seed=lineage.seed,
         device=resolve_device(running.device),
         threads=running.threads,
@@ -70,7 +74,13 @@ def _store() -> Store:
 def _config(env: str, lineage: Lineage, extra: Sequence[Override]) -> Preset:
     from elast_cli.stages import presets
 
-    return presets.load(lineage.preset, env, lineage.set or [], [*lineage.overrides(), *extra])
+    flags = [*lineage.overrides(), *extra]
+    return presets.load(lineage.preset, env, lineage.set or [], flags, trusted=lineage.trust_code)
+
+
+def _naming(env_id: str | None) -> list[Override]:
+    """The override that says which outside environment is meant."""
+    return [] if env_id is None else [Override("--env", f"env.id={dumps(env_id)}")]
 
 
 def _cores() -> int:

@@ -30,7 +30,7 @@ Env = Annotated[
     Option(
         "--env",
         metavar="NAME",
-        help="Environment, such as block-s; `elast envs` lists them.",
+        help="Environment of `elast envs`, a Gymnasium id, or module:Id.",
         autocompletion=completion.environments,
     ),
 ]
@@ -85,6 +85,10 @@ class Lineage:
         str | None,
         Option(metavar="raster|egl|osmesa", help="Renderer of robot tasks; default: raster."),
     ] = None
+    trust_code: Annotated[
+        bool,
+        Option("--trust-code", help="Run environments and goals that only a file names."),
+    ] = False
 
     def overrides(self) -> list[Override]:
         """What these flags override."""

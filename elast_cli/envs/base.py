@@ -23,6 +23,7 @@ class TaskInfo:
         levels: levels by name, the easiest first, each with its time limit.
         success_radius: greatest distance to the goal that counts as success, None if unknown.
         unit: unit of `success_radius`.
+        success: what decides success, for tables; None in elast's own tasks.
     """
 
     action_size: int
@@ -31,6 +32,7 @@ class TaskInfo:
     levels: Mapping[str, Level]
     success_radius: float | None = None
     unit: str | None = None
+    success: str | None = None
 
     @property
     def max_steps(self) -> int:
@@ -81,6 +83,10 @@ class ElastEnv(Protocol):
 
     def step(self, action: Vector, /) -> tuple[Frame, SupportsFloat, bool, bool, dict[str, Any]]:
         """Frame, reward, terminated, truncated and info after one action f32 [A]."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds."""
         ...
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -26,6 +27,7 @@ import pydantic
 
 from elast_cli.config import StrictModel
 from elast_cli.envs.base import DrawsScenarios, ElastEnv, TaskInfo
+from elast_cli.envs.outside.names import PREFIX, is_id, is_outside, name_of
 from elast_cli.envs.scenario import Scenario
 from elast_cli.envs.simulated import SimulatedTask
 from elast_cli.errors import ConfigError, UsageError, suggestion
@@ -74,12 +76,14 @@ def register(entry: EnvSpec) -> None:
     """Add an environment to the table and, if it has an id, to gymnasium's registry.
 
     Raises:
-        UsageError: another environment has that name or that id.
+        UsageError: another environment has that name or that id, or may have it.
     """
     if entry.name in ENVS:
         if ENVS[entry.name] == entry:
             return
         raise UsageError(f"environment {entry.name!r} is already registered with other values")
+    if is_outside(entry.name):
+        raise UsageError(f"environment {entry.name!r}: names that begin with {PREFIX} are taken")
     if entry.gym_id in gymnasium.registry:
         raise UsageError(
             f"environment {entry.name!r}: gymnasium already has another {entry.gym_id}"
@@ -172,12 +176,41 @@ def spec(name: str) -> EnvSpec:
     Raises:
         UsageError: naming the choices and the closest of them.
     """
+    if is_outside(name):
+        return EnvSpec(
+            name=name,
+            entry_point="elast_cli.envs.outside.env:OutsideEnv",
+            config_entry_point="elast_cli.envs.outside.config:OutsideConfig",
+            about="an environment of another package, by its Gymnasium id",
+        )
     if name not in ENVS:
         _load_entry_points()
     if name not in ENVS:
-        hint = suggestion(name, ENVS)
-        raise UsageError(f"unknown environment {name!r}{hint}; choose {', '.join(ENVS)}")
+        hint = suggestion(name, [*ENVS, *gymnasium.registry])
+        raise UsageError(
+            f"unknown environment {name!r}{hint}; choose {', '.join(ENVS)}, or a Gymnasium id"
+        )
     return ENVS[name]
+
+
+def named(text: str) -> tuple[str, str | None]:
+    """The environment's name that a text stands for, and its id if it is an outside one.
+
+    A text is a name, one of our own Gymnasium ids, another Gymnasium id, or `module:Id`. Nothing is
+    imported for it.
+
+    Raises:
+        UsageError: no environment is known by that text.
+    """
+    _load_entry_points()
+    own = {entry.gym_id: name for name, entry in ENVS.items()}
+    if text in ENVS or is_outside(text):
+        return text, None
+    if text in own:
+        return own[text], None
+    if is_id(text):
+        return name_of(text), text
+    return spec(text).name, None
 
 
 def make(name: str, config: Settings | None = None) -> ElastEnv:
@@ -229,7 +262,8 @@ def task_info(name: str, config: Mapping[str, object] | None = None) -> TaskInfo
 
 @cache
 def _task_info(name: str, config: str | None) -> TaskInfo:
-    return make(name, None if config is None else json.loads(config)).task_info
+    with closing(make(name, None if config is None else json.loads(config))) as env:
+        return env.task_info
 
 
 def scenarios(
@@ -249,11 +283,11 @@ def scenarios(
     Raises:
         UsageError: if the environment or the level is unknown, or if it draws no scenarios.
     """
-    env = make(env_name, config)
-    key = zlib.crc32(env.task_info.level(level).name.encode())
-    if not isinstance(env, DrawsScenarios):
-        raise UsageError(f"{env_name} has no scenarios and can only be collected from")
-    return [
-        env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
-        for index in range(first, first + count)
-    ]
+    with closing(make(env_name, config)) as env:
+        key = zlib.crc32(env.task_info.level(level).name.encode())
+        if not isinstance(env, DrawsScenarios):
+            raise UsageError(f"{env_name} has no scenarios and can only be collected from")
+        return [
+            env.sample_scenario(level, generator(domain, seed, key, index), index=index, seed=seed)
+            for index in range(first, first + count)
+        ]

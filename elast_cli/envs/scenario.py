@@ -28,6 +28,7 @@ class Scenario:
         seed: the scenario seed.
         layout: obstacles of this scenario, f32 [L]; L = 0 where they never change.
         shortest: least number of steps to the success region, None where it cannot be computed.
+        resets: seeds of the start and of the goal where no state can be set, else None.
     """
 
     start: Vector
@@ -37,6 +38,7 @@ class Scenario:
     seed: int
     layout: Vector = field(default_factory=empty_layout)
     shortest: int | None = None
+    resets: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from elast_cli.evaluation.rows import OverallRow
@@ -26,6 +26,21 @@ def table(overall: Sequence[OverallRow]) -> Table:
             cells = [task, row.method, *_figures(row), *[by_seed] * several_seeds]
             shown.add_row(*cells, end_section=row is of_task[-1])
     return shown
+
+
+def success_notes(settings: Iterable[Mapping[str, object]]) -> list[str]:
+    """What decides success, a line for each environment that says so in its settings.
+
+    Args:
+        settings: those of evaluations or reports.
+    """
+    told = [(found.get("success"), found.get("env")) for found in settings]
+    notes = [
+        f"success in {env['id']}: {text}"
+        for text, env in told
+        if isinstance(text, str) and isinstance(env, Mapping) and "id" in env
+    ]
+    return list(dict.fromkeys(notes))
 
 
 def empty_table(names: Sequence[str], numbers: Sequence[str]) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,16 +73,18 @@ def _collect(job: Job, run: Run) -> JsonDict:
     attrs: dict[str, str | int | float] = {
         "elast_version": elast_cli.__version__,
         "env": job.env,
-        "env_id": spec(job.env).gym_id or "",
+        "env_id": spec(job.env).gym_id or str(job.config.env.get("id", "")),
         "seed": job.seed,
     }
     try:
-        compact([shard.path for shard in shards], run.staging / DATASET_FILE, attrs=attrs)
+        paths = [shard.path for shard in shards]
+        lengths = [rows for path in paths for rows in read_head(path).lengths]
+        compact(paths, run.staging / DATASET_FILE, attrs=attrs)
     except DataError as damage:  # of what this run, or the one it continues, has collected
         raise DataError(f"{damage}; run it again with --fresh") from None
     return {
         "episodes": collect.episodes,
-        "transitions": collect.episodes * collect.episode_steps,
+        "transitions": sum(lengths) - len(lengths),
         "wall_s": round(time.monotonic() - began, 3),
     }
 
@@ -115,5 +118,6 @@ def _collect_shard(shard: _Shard) -> int:
         collect_episode(env, seed=shard.seed, index=index, length=shard.length, policy=policy)
         for index in shard.episodes
     )  # made one by one: memory that is used again costs far less than fresh memory
-    write_shard(shard.path, episodes, first_row=shard.episodes.start * (shard.length + 1))
+    with closing(env):
+        write_shard(shard.path, episodes, first_row=shard.episodes.start * (shard.length + 1))
     return len(shard.episodes)

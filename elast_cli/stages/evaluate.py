@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,6 +93,8 @@ def _evaluate(
     lineage = {role: str(ref) for role, ref in inputs.items()}
     found = overrides(job.of_method(method_named(method)), inputs.values())
     settings: JsonDict = {**run.recipe.config, "overrides": list(found)}
+    if success := job.task_info.success:
+        settings["success"] = success
     overall = write_results(run.staging, rows, lineage=lineage, settings=settings)
     metrics: JsonDict = {f"pc_success_{r.level}": r.pc_success for r in overall}
     metrics["repeatable"] = time_budget(job, method_named(method)) is None
@@ -162,7 +165,10 @@ def _run_chunk(chunk: _Chunk) -> None:
     with (
         job.progress.task(chunk.method, rows * max_steps) as advance,
         Compiling(job.progress.note),
+        ExitStack() as stack,
     ):
+        for env in envs:
+            stack.callback(env.close)
         traces = run_episodes(
             controller(
                 chunk.method,

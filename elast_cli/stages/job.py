@@ -80,7 +80,7 @@ class Job:
 
     def flags(self) -> str:
         """The flags that select the same lineage in another command."""
-        words = f"--env {self.env}"
+        words = f"--env {self.config.env.get('id') or self.env}"
         words += f" --preset {self.preset}" if self.preset != DEFAULT else ""
         return words + (f" --seed {self.seed}" if self.seed else "")
 

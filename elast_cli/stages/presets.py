@@ -10,10 +10,13 @@ from pydantic import Field
 from elast_cli import preset
 from elast_cli.config import StrictModel
 from elast_cli.control.collection import CollectConfig
+from elast_cli.envs.outside.config import OutsideConfig
+from elast_cli.envs.outside.names import is_outside
 from elast_cli.envs.registry import spec
 from elast_cli.methods.table import METHODS
 from elast_cli.models.parts import PARTS, imported
-from elast_cli.preset import Preset
+from elast_cli.preset import ENV, Preset
+from elast_cli.stages.trust import refuse_untrusted
 
 
 class EvalConfig(StrictModel):
@@ -41,6 +44,21 @@ def load(
     env: str,
     overrides: Sequence[str] = (),
     flags: Sequence[tuple[str, str]] = (),
+    *,
+    trusted: bool = False,
 ) -> Preset:
-    """The preset `name` for an environment; see `preset.load`."""
-    return preset.load(name, env, sections(env), overrides, flags)
+    """The preset `name` for an environment; see `preset.load`.
+
+    The settings of an outside environment are completed, which runs it.
+
+    Raises:
+        UntrustedError: a file names outside code; not if `trusted`.
+    """
+    found = preset.load(name, env, sections(env), overrides, flags)
+    if not is_outside(env):
+        return found
+    refuse_untrusted(found.env, [*overrides, *(text for _, text in flags)], trusted=trusted)
+    from elast_cli.envs.outside.settings import checked_version
+
+    complete = checked_version(found.section(ENV, OutsideConfig)).model_dump(mode="json")
+    return found.changed({ENV: complete}, by=str(complete["id"]))

@@ -12,7 +12,7 @@ from typing import Any
 from elast_cli.config import JsonDict
 from elast_cli.evaluation.rows import EpisodeRow, OverallRow, Results
 from elast_cli.evaluation.summary import results_document, summarize
-from elast_cli.evaluation.tables import table
+from elast_cli.evaluation.tables import success_notes, table
 from elast_cli.stages.job import Job, RecipeJob
 from elast_cli.stages.results import RESULTS_FILE, WORLD, read_results, texts
 from elast_cli.store.manifest import Ref
@@ -57,10 +57,10 @@ def _report(job: Job, evaluations: Mapping[tuple[str, int], Ref], run: Run) -> J
     results = {key: read_results(store, ref) for key, ref in evaluations.items()}
     rows = [row for found in results.values() for row in found.per_episode]
     lineage = {str(ref): store.manifest(ref).recipe.parents for ref in evaluations.values()}
-    overall = write_results(
-        staging, rows, lineage=lineage, settings=_settings(job, run, list(results.values()))
-    )
-    (staging / TABLE_FILE).write_text(table_text(overall) + "\n", encoding="utf-8")
+    settings = _settings(job, run, list(results.values()))
+    overall = write_results(staging, rows, lineage=lineage, settings=settings)
+    lines = [table_text(overall), *success_notes([settings])]
+    (staging / TABLE_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
     bar_chart(overall, staging / CHART_FILE, title=f"{job.env}, preset {job.preset}")
     drawn: set[str] = set()
     for (method, _), ref in evaluations.items():
@@ -85,6 +85,7 @@ def _settings(job: Job, run: Run, results: Sequence[Results]) -> JsonDict:
         "preset": job.preset,
         **{key: settings[0].get(key) for key in (*WORLD, "episodes", "scenario_seed")},
         "overrides": list(dict.fromkeys(overrides)),
+        **{key: settings[0][key] for key in ("success",) if key in settings[0]},
     }
 
 

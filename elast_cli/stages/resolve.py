@@ -181,7 +181,7 @@ def refuse_without_context(job: Job) -> None:
     if not job.task_info.has_context:
         raise UsageError(
             f"{job.env} has no contexts: nothing in it changes from episode to episode; "
-            f"run: elast train-encoder --env {job.env}"
+            f"run: elast train-encoder {job.flags()}"
         )
 
 

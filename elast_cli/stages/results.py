@@ -9,6 +9,7 @@ from elast_cli.errors import DataError, UsageError
 from elast_cli.evaluation.comparison import Comparison, compare
 from elast_cli.evaluation.rows import Results
 from elast_cli.evaluation.summary import parse_results
+from elast_cli.evaluation.tables import success_notes
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
 
@@ -36,6 +37,11 @@ def comparison(store: Store, text_a: str, text_b: str) -> list[Comparison]:
                 f"{key} {_json(a)} against {_json(b)}"
             )
     return compare(*(found.per_episode for found in results))
+
+
+def success_of(store: Store, *refs: str) -> list[str]:
+    """What decides success in evaluations or reports, a line for each outside environment."""
+    return success_notes(read_results(store, Ref.parse(text)).settings for text in refs)
 
 
 def _json(value: object) -> str:

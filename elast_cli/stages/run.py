@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from elast_cli.errors import MissingInputError, RequirementError, UsageError, su
 from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
 from elast_cli.evaluation.rows import Cell, EpisodeRow
 from elast_cli.evaluation.summary import results_document, summarize
-from elast_cli.evaluation.tables import table
+from elast_cli.evaluation.tables import success_notes, table
 from elast_cli.methods.table import method_named
 from elast_cli.models.parts import closure
 from elast_cli.progress import Silent
@@ -209,6 +209,7 @@ class Outcome:
     lineage: JsonDict
     folders: dict[str, str]
     overrides: list[str]
+    success: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, job: Job, reports: Sequence[Ref]) -> Outcome:
@@ -224,6 +225,7 @@ class Outcome:
             lineage,
             {str(ref): str(store.path(ref)) for ref in reports},
             [text for found in results for text in texts(found.settings.get("overrides"))],
+            success_notes(found.settings for found in results),
         )
 
     def document(self, bench: Benchmark) -> JsonDict:
@@ -233,15 +235,16 @@ class Outcome:
             "seeds": bench.seeds,
             "reports": self.folders,
             "overrides": self.overrides,
+            "success": self.success,
         }
         return results_document(self.rows, self.lineage, settings)
 
     def view(self) -> Group:
-        """The table, what was overridden, and where the pictures are."""
+        """The table, what decides success, what was overridden, and where the pictures are."""
         from rich.console import Group
         from rich.text import Text
 
-        notes = [f"not of the preset: {text}" for text in self.overrides]
+        notes = [*self.success, *(f"not of the preset: {text}" for text in self.overrides)]
         notes += [f"{ref}: table, results and pictures in {at}" for ref, at in self.folders.items()]
         return Group(table(summarize(self.rows)), Text("\n".join(notes)))
 

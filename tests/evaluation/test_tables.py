@@ -7,7 +7,7 @@ import io
 from rich.console import Console
 
 from elast_cli.evaluation.summary import summarize
-from elast_cli.evaluation.tables import table
+from elast_cli.evaluation.tables import success_notes, table
 from tests.toys.episodes import ROWS, episode
 
 
@@ -24,3 +24,9 @@ def test_the_table_shows_each_method_with_its_interval() -> None:
 
 def test_the_table_of_one_seed_has_no_column_by_seed() -> None:
     assert len(table(summarize(ROWS)).columns) == len(table(summarize(ROWS[:3])).columns) + 1
+
+
+def test_what_decides_success_is_told_once_for_each_environment_that_says_it() -> None:
+    outside = {"env": {"id": "Room-v0"}, "success": "the image is near"}
+    own = {"env": {"half_size": 0.1}}
+    assert success_notes([own, outside, outside]) == ["success in Room-v0: the image is near"]

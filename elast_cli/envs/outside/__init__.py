@@ -1,0 +1,1 @@
+"""Environments of other packages, by their Gymnasium id: adapter, checks and calibration."""
