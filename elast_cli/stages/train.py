@@ -50,7 +50,7 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
 
 def _settings(job: Job, kind: str) -> JsonDict:
     """The part's section, without keys that change no weight."""
-    section = job.config.plain(kind)
+    section = job.config.section(kind, part_named(kind).section).determining()
     fit = section.get("fit")
     if not isinstance(fit, dict):  # nothing is fitted
         return section
