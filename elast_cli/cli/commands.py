@@ -26,6 +26,7 @@ from elast_cli.cli.options import (
     takes,
 )
 from elast_cli.cli.output import print_json, print_rich, print_text, show_data
+from elast_cli.cli.tables import ablate, table
 from elast_cli.errors import UsageError
 from elast_cli.models.parts import DATASET, PARTS, Part, closure, word
 
@@ -41,6 +42,8 @@ def register(app: typer.Typer) -> None:
     app.command()(plan)
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
+    app.command()(table)
+    app.command()(ablate)
     app.command("ls")(list_artifacts)
     for command in (show, verify, compare, envs, methods, gc, doctor):
         app.command()(command)

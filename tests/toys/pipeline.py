@@ -60,5 +60,6 @@ def episodes(home: Path) -> list[dict[str, Any]]:
     path = home / "artifacts/block-s/report/v1/results.json"
     rows: list[dict[str, Any]] = json.loads(path.read_text())["per_episode"]
     return [
-        {key: value for key, value in row.items() if not key.endswith("plan_s")} for row in rows
+        {key: value for key, value in row.items() if not key.endswith(("plan_s", "cpu_s_per_step"))}
+        for row in rows
     ]
