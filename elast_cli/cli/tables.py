@@ -9,12 +9,25 @@ from typing import Annotated, Any
 from typer import Option
 
 from elast_cli.cli import completion
-from elast_cli.cli.dry_run import show_chain
 from elast_cli.cli.jobs import job_of
 from elast_cli.cli.options import Env, Levels, Lineage, Output, Running, Scenarios, takes
 from elast_cli.cli.output import print_json, print_text
 
 HERE = Path()
+_LIST_OF_METHODS: Any = {"metavar": "A,B", "autocompletion": completion.lists_of_methods}
+Envs = Annotated[str | None, Option(metavar="A,B", help="Environments; default: all of Table 1.")]
+Rows = Annotated[str | None, Option(help="Methods; default: those of Table 1.", **_LIST_OF_METHODS)]
+OnlyStored = Annotated[
+    bool, Option("--only-stored", help="Make nothing: a table of what is in the store.")
+]
+Varied = Annotated[str, Option(help="Methods to vary, separated by commas.", **_LIST_OF_METHODS)]
+Sweeps = Annotated[
+    str | None, Option(metavar="A,B", help="Named sweeps: switches, p-sparse, members, vae.")
+]
+Vary = Annotated[
+    list[str] | None,
+    Option(metavar="KEY=A,B", help="Values of a key, one after another; may be repeated."),
+]
 
 
 @takes(Scenarios, Lineage, Running)
@@ -22,23 +35,13 @@ def table(
     scenarios: Scenarios,
     lineage: Lineage,
     running: Running,
-    envs: Annotated[
-        str | None, Option(metavar="A,B", help="Environments; default: all of Table 1.")
-    ] = None,
-    methods: Annotated[
-        str | None,
-        Option(
-            metavar="A,B",
-            help="Methods; default: those of Table 1.",
-            autocompletion=completion.lists_of_methods,
-        ),
-    ] = None,
-    only_stored: Annotated[
-        bool, Option("--only-stored", help="Make nothing: a table of what is in the store.")
-    ] = False,
+    envs: Envs = None,
+    methods: Rows = None,
+    only_stored: OnlyStored = False,
     output: Output = HERE,
 ) -> None:
     """Make Table 1 of the paper: all methods in all tasks. Finished artifacts are reused."""
+    from elast_cli.cli.dry_run import show_chain
     from elast_cli.evaluation.table1 import markdown
     from elast_cli.stages import table1 as stage
     from elast_cli.stages import wanted
@@ -69,25 +72,14 @@ def ablate(
     scenarios: Scenarios,
     lineage: Lineage,
     running: Running,
-    methods: Annotated[
-        str,
-        Option(
-            metavar="A,B",
-            help="Methods to vary, separated by commas.",
-            autocompletion=completion.lists_of_methods,
-        ),
-    ] = "elast,elast-psi",
+    methods: Varied = "elast,elast-psi",
     level: Levels = None,
-    sweep: Annotated[
-        str | None, Option(metavar="A,B", help="Named sweeps: switches, p-sparse, members, vae.")
-    ] = None,
-    vary: Annotated[
-        list[str] | None,
-        Option(metavar="KEY=A,B", help="Values of a key, one after another; may be repeated."),
-    ] = None,
+    sweep: Sweeps = None,
+    vary: Vary = None,
     output: Output = HERE,
 ) -> None:
     """Compare variations of methods with the methods as they are, on the same scenarios."""
+    from elast_cli.cli.dry_run import show_chain
     from elast_cli.evaluation.ablations import markdown
     from elast_cli.stages import ablate as stage
     from elast_cli.stages import sweeps, wanted

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 from elast_cli.errors import DataError, MissingInputError, UsageError, suggestion
 from elast_cli.evaluation import paper
@@ -84,7 +83,7 @@ def evaluations(jobs: Sequence[Job], names: Sequence[str], seeds: Sequence[int])
     ]
 
 
-def made(every: Sequence[Wanted], refs: Sequence[Ref | None]) -> dict[Any, Ref]:
+def made(every: Sequence[Wanted], refs: Sequence[Ref | None]) -> Cells:
     """Cells of evaluations that were made."""
     return {
         (one.method, column, one.job.seed): ref
@@ -94,7 +93,7 @@ def made(every: Sequence[Wanted], refs: Sequence[Ref | None]) -> dict[Any, Ref]:
     }
 
 
-def stored(every: Sequence[Wanted]) -> dict[Any, Ref]:
+def stored(every: Sequence[Wanted]) -> Cells:
     """Cells of evaluations that are in the store; nothing is made."""
     return {
         (one.method, column, one.job.seed): ref
