@@ -88,6 +88,21 @@ def test_h_f_learns_on_the_latents_and_does_not_change_them() -> None:
     assert all(p.grad is not None for p in vae.model.dynamics.parameters())
 
 
+def test_without_the_divergence_it_reconstructs_a_dozen_states() -> None:
+    vae = toy_vae(SMALL.model_copy(update={"width": 64}))
+    features, actions, context = batch()
+    noise = torch.zeros(12, 3)
+    optimizer = torch.optim.Adam(vae.parameters(), lr=3e-3)
+    for _ in range(400):
+        optimizer.zero_grad()
+        loss, parts = vae_loss(vae, features, actions, context, noise, 0.0)
+        loss.backward()
+        optimizer.step()
+    pixels = features.flatten(0, 1).flatten(1)
+    mean_image = 0.5 * (pixels - pixels.mean(0)).square().sum(1).mean()
+    assert parts["reconstruction"] < 0.05 * mean_image
+
+
 @pytest.fixture(scope="module")
 def dataset() -> Dataset:
     return recorded()
@@ -108,8 +123,8 @@ def test_without_the_divergence_it_is_an_autoencoder_of_the_toy(
     dataset: Dataset, tmp_path: Path
 ) -> None:
     found = trained(dataset, 0.0, tmp_path / "zero")
-    pixels = 3 * 3 * SMALL.side**2  # a half of each, if the mean image is decoded
-    assert found.curve[-1]["val_reconstruction"] < 0.2 * 0.5 * pixels
+    mean_image = 0.5 * 3 * 3 * SMALL.side**2  # what it costs to decode that: a half of each pixel
+    assert found.curve[-1]["val_reconstruction"] < 0.6 * mean_image
     assert found.curve[-1]["val_consistency"] < 0.2 * found.curve[0]["val_consistency"]
     assert found.metrics["probe_knn_r2"] > 0.9
     assert found.metrics["val_one_step_error_in_steps"] < 1
