@@ -61,14 +61,7 @@ def train_encoder(
     features = frame_features(dataset, model.encoder, setting)
     windows = FrameWindows(dataset, features, context.to(setting.device))
     objective = objective_of(dataset, model, windows, section, setting)
-    curve = fit(
-        "encoder",
-        objective.module,
-        objective.loss,
-        objective.validate,
-        config=section.fit,
-        setting=setting,
-    )
+    curve = objective.fit(setting)
     data = encode(dataset, context, model.encoder, setting, windows=windows, outputs=outputs)
     z, z_next = data.z[data.train], data.z[data.train + 1]
     model.scale.fit(z, z_next)
@@ -94,6 +87,11 @@ class Objective:
     batches: Starts | HardNegatives
     check: Int64
     section: EncoderSection
+
+    def fit(self, setting: Setting) -> list[dict[str, float]]:
+        """Train the module in place; the curve of its metrics."""
+        config = self.section.fit
+        return fit("encoder", self.module, self.loss, self.validate, config=config, setting=setting)
 
     @property
     def module(self) -> nn.Module:
@@ -142,12 +140,8 @@ class VaeObjective(Objective):
         noise = np.zeros(shape, np.float32)
         if rng is not None:
             noise = rng.standard_normal(shape, np.float32)
-        return vae_loss(
-            self.vae,
-            *window,
-            torch.from_numpy(noise).to(features.device),
-            self.section.vae.beta,
-        )
+        drawn = torch.from_numpy(noise).to(features.device)
+        return vae_loss(self.vae, *window, drawn, self.section.vae.beta)
 
 
 def objective_of(
