@@ -10,13 +10,16 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 
+Changes = Mapping[str, Mapping[str, Any]]  # section -> keys that differ
+
+
 class Ablation(NamedTuple):
     """A method that differs from another one in keys of sections."""
 
     name: str
     of: str
     about: str
-    changes: Mapping[str, Mapping[str, Any]]
+    changes: Changes
 
 
 TREES_ALONE = {"follow": "states", "replan_every": 20}
@@ -38,18 +41,18 @@ LITERAL = {
 }
 
 
-def _without(test: str) -> dict[str, Any]:
+def _without(test: str) -> Changes:
     """The search without one of its tests of a transition."""
     return {"planner": {"tests": {f"{test}_quantile": None}}}
 
 
 _NO_SUPPORT, _NO_ROUND_TRIP = _without("support"), _without("round_trip")
-_PSI = {"planner": {"tests": {"support_quantile": None, "round_trip_quantile": None}}}
-_NO_REFINE = {"planner": {"refine": {"iterations": 0}}, "control": TREES_ALONE}
-_NO_REUSE = {"planner": {"reuse": {"enabled": False}}}
-_LITERAL = {"planner": LITERAL, "control": {**TREES_ALONE, "patience": 0}}
+_PSI: Changes = {"planner": {"tests": {"support_quantile": None, "round_trip_quantile": None}}}
+_NO_REFINE: Changes = {"planner": {"refine": {"iterations": 0}}, "control": TREES_ALONE}
+_NO_REUSE: Changes = {"planner": {"reuse": {"enabled": False}}}
+_LITERAL: Changes = {"planner": LITERAL, "control": {**TREES_ALONE, "patience": 0}}
 # of the method as it is, and with no tests but those of the paper
-SWITCHES: tuple[tuple[str, str, Mapping[str, Mapping[str, Any]]], ...] = (
+SWITCHES: tuple[tuple[str, str, Changes], ...] = (
     ("no-density", "ψ rejects nothing", _without("density")),
     ("no-rewire", "no rewiring", {"planner": {"rewire": {"enabled": False}}}),
     (
