@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-
 Changes = Mapping[str, Mapping[str, Any]]  # section -> keys that differ
 
 
