@@ -1,4 +1,4 @@
-"""How much memory this process may still take."""
+"""How much memory this process may still take, and has taken."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ GROUP = Path("/sys/fs/cgroup")  # of a container, as it sees itself
 def available() -> float:
     """Bytes free by machine, container and `ulimit -v`; infinite if all are unknown."""
     return min(_machine(), _group(), _limit())
+
+
+def peak() -> int:
+    """Most bytes of memory that this process has had at one time, so far."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _machine() -> float:

@@ -93,12 +93,36 @@ def load(
         (read_yaml(path), str(path)) for path in _files(name, env)
     ]
     if overrides:
-        layers.append((_overrides(overrides), "--set"))
-    layers += [(_overrides([text], flag), flag) for flag, text in flags]
+        layers.append((assignments(overrides), "--set"))
+    layers += [(assignments([text], flag), flag) for flag, text in flags]
     data: dict[str, Any] = {key: of().model_dump(mode="json") for key, of in sections.items()}
     for layer, where in layers:
         data = _checked(_merge(data, layer), sections, where)
     return Preset(name, data, sections)
+
+
+def assignments(texts: Sequence[str], flag: str = "--set") -> JsonDict:
+    """All `section.key=value` texts as one nested mapping; values are read as YAML.
+
+    Raises:
+        ConfigError: a text of another form; names the flag.
+    """
+    merged: JsonDict = {}
+    for text in texts:
+        path, equals, value = text.partition("=")
+        keys = path.strip().split(".")
+        if not equals or len(keys) < 2 or not all(keys):
+            raise ConfigError(
+                f"{flag} {text!r}: expected section.key=value, as in encoder.fit.steps=3000"
+            )
+        parsed = parse_yaml(f"value: {value}\n".encode(errors="surrogateescape"), f"{flag} {text}")
+        if set(parsed) != {"value"}:
+            raise ConfigError(f"{flag} {text!r}: the value is not one line of YAML")
+        nested: Any = parsed["value"]
+        for key in reversed(keys):
+            nested = {key: nested}
+        merged = _merge(merged, nested)
+    return merged
 
 
 def _checked(data: Mapping[str, Any], sections: Sections, where: str) -> dict[str, JsonDict]:
@@ -141,26 +165,6 @@ def _files(name: str, env: str) -> list[Path]:
         places = [folder / name / file for folder in folders()]
         found += [path for path in places if os.path.lexists(path)][:1]
     return found
-
-
-def _overrides(texts: Sequence[str], flag: str = "--set") -> JsonDict:
-    """All `section.key=value` texts as one nested mapping; values are read as YAML."""
-    merged: JsonDict = {}
-    for text in texts:
-        path, equals, value = text.partition("=")
-        keys = path.strip().split(".")
-        if not equals or len(keys) < 2 or not all(keys):
-            raise ConfigError(
-                f"{flag} {text!r}: expected section.key=value, as in encoder.fit.steps=3000"
-            )
-        parsed = parse_yaml(f"value: {value}\n".encode(errors="surrogateescape"), f"{flag} {text}")
-        if set(parsed) != {"value"}:
-            raise ConfigError(f"{flag} {text!r}: the value is not one line of YAML")
-        nested: Any = parsed["value"]
-        for key in reversed(keys):
-            nested = {key: nested}
-        merged = _merge(merged, nested)
-    return merged
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from elast_cli.cli.options import (
 from elast_cli.cli.output import print_json, print_rich, print_text, show_data
 from elast_cli.cli.planning import plan
 from elast_cli.cli.sharing import bundle, unbundle
+from elast_cli.cli.tables import ablate, table
 from elast_cli.errors import UsageError
 from elast_cli.models.parts import DATASET, PARTS, Part, closure, word
 
@@ -43,6 +44,8 @@ def register(app: typer.Typer) -> None:
     app.command()(plan)
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
+    app.command()(table)
+    app.command()(ablate)
     app.command("ls")(list_artifacts)
     app.command("report")(write_report)
     for command in (show, verify, compare, bundle, unbundle, envs, methods, gc, doctor):

@@ -13,8 +13,8 @@ from elast_cli.errors import UsageError
 if TYPE_CHECKING:
     from elast_cli.preset import Preset
     from elast_cli.progress import Progress
+    from elast_cli.stages.benchmark import Benchmark
     from elast_cli.stages.job import Job, RecipeJob
-    from elast_cli.stages.run import Benchmark
     from elast_cli.store.manifest import Ref
     from elast_cli.store.store import Store
 
@@ -124,7 +124,7 @@ def unused(lineage: Lineage, extra: Sequence[Override], uses: Collection[str]) -
 
 def benchmark_of(evaluating: Evaluating, lineage: Lineage) -> Benchmark:
     """What is to be evaluated."""
-    from elast_cli.stages.run import Benchmark
+    from elast_cli.stages.benchmark import Benchmark
 
     return Benchmark.parse(
         evaluating.methods,

@@ -11,6 +11,7 @@ import inspect
 import typing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from typer import Option
@@ -170,20 +171,9 @@ def inputs_of(kinds: Sequence[str]) -> type[Any]:
 
 
 @dataclass(frozen=True)
-class Evaluating:
-    """What is evaluated."""
+class Scenarios:
+    """How many scenarios, which ones, and for which training seeds."""
 
-    methods: Annotated[
-        str,
-        Option(
-            metavar="A,B",
-            help="Methods, separated by commas; `elast methods` lists them.",
-            autocompletion=completion.lists_of_methods,
-        ),
-    ] = "elast,cpc-cem,random"
-    level: Annotated[
-        str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
-    ] = None
     episodes: Annotated[int | None, Option(min=1, help="Scenarios per level and seed.")] = None
     scenario_seed: Annotated[
         int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
@@ -194,6 +184,37 @@ class Evaluating:
     seeds: Annotated[
         str | None, Option(metavar="0,1,2", help="Several training seeds instead of --seed.")
     ] = None
+
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(
+            ("--episodes", "eval.episodes", self.episodes),
+            ("--scenario-seed", "eval.scenario_seed", self.scenario_seed),
+            ("--num-envs", "eval.num_envs", self.num_envs),
+        )
+
+
+Levels = Annotated[
+    str | None, Option(metavar="A,B", help="Levels, separated by commas; default: all.")
+]
+Output = Annotated[
+    Path, Option(metavar="FOLDER", help="Folder for the table, as CSV and as Markdown.")
+]
+
+
+@dataclass(frozen=True)
+class Evaluating(Scenarios):
+    """What is evaluated."""
+
+    methods: Annotated[
+        str,
+        Option(
+            metavar="A,B",
+            help="Methods, separated by commas; `elast methods` lists them.",
+            autocompletion=completion.lists_of_methods,
+        ),
+    ] = "elast,cpc-cem,random"
+    level: Levels = None
     require: Annotated[
         list[str] | None,
         Option(
@@ -205,14 +226,6 @@ class Evaluating:
         bool,
         Option("--allow-overrides", help="Let --require accept models trained with --set."),
     ] = False
-
-    def overrides(self) -> list[Override]:
-        """What these flags override."""
-        return given(
-            ("--episodes", "eval.episodes", self.episodes),
-            ("--scenario-seed", "eval.scenario_seed", self.scenario_seed),
-            ("--num-envs", "eval.num_envs", self.num_envs),
-        )
 
 
 @dataclass(frozen=True)

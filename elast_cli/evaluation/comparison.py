@@ -164,14 +164,20 @@ def _comparison_cells(row: Comparison) -> list[str]:
         number(row.pc_success_a),
         number(row.pc_success_b),
         f"{row.difference:+.1f}",
-        _signed(row.ci95),
+        signed(row.ci95),
         f"{row.only_a} / {row.only_b}",
-        f"{row.mcnemar_p:.3f}" if row.mcnemar_p >= 0.001 else "< 0.001",
+        p_text(row.mcnemar_p),
         "-" if row.steps_difference is None else f"{row.steps_difference:+.1f}",
-        "-" if row.steps_ci95 is None else _signed(row.steps_ci95),
+        "-" if row.steps_ci95 is None else signed(row.steps_ci95),
         str(row.n_pairs),
     ]
 
 
-def _signed(interval: tuple[float, float]) -> str:
+def p_text(p: float) -> str:
+    """A p-value with three decimals."""
+    return f"{p:.3f}" if p >= 0.001 else "< 0.001"
+
+
+def signed(interval: tuple[float, float]) -> str:
+    """An interval of differences."""
     return f"[{interval[0]:+.1f}, {interval[1]:+.1f}]"

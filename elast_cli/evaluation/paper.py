@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-SOURCE = "Gieselmann and Pokorny, NeurIPS 2022, Table 1"
+SOURCE = "Gieselmann and Pokorny, NeurIPS 2022"
 
 
 class Column(NamedTuple):

@@ -47,6 +47,7 @@ class EpisodeRow(StrictModel):
     density_calls_per_step: float = Field(default=0.0, ge=0)  # evaluations of ψ
     policy_calls_per_step: float = Field(default=0.0, ge=0)  # evaluations of π
     network_calls_per_step: float = Field(ge=0)
+    cpu_s_per_step: float | None = Field(default=None, ge=0)  # of the process, over its episodes
     held: bool  # still inside the radius at the end
 
     @model_validator(mode="after")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import UsageError, suggestion
+from elast_cli.methods.ablations import ABLATIONS, TREES_ALONE
 from elast_cli.models.parts import PARTS, closure, imported
 
 if TYPE_CHECKING:
@@ -132,8 +133,6 @@ def names(methods: Collection[Method]) -> str:
 
 PLANNER = {"planner": "elast_cli.planners.tree.config:TreeConfig"}
 CONTROL = {"control": "elast_cli.control.base:ControlConfig"}
-TREES_ALONE: JsonDict = {"follow": "states", "replan_every": 20}
-ONE_BY_ONE = {"min": 1, "max": 1}
 
 register(
     Method(
@@ -212,7 +211,7 @@ register(
         parts=("context", "encoder", "ensemble", "density", "policy", "graph"),
         sections={"graph_search": "elast_cli.planners.graph.config:GraphSearchConfig"} | CONTROL,
         builder="elast_cli.methods.graph:build",
-        changes={"control": TREES_ALONE},
+        changes={"control": {**TREES_ALONE}},
     )
 )
 register(
@@ -233,73 +232,5 @@ register(
         builder="elast_cli.methods.random_actions:build",
     )
 )
-variant(
-    "elast-psi",
-    of="elast",
-    about="without the support and round-trip tests",
-    planner={"tests": {"support_quantile": None, "round_trip_quantile": None}},
-)
-variant(
-    "elast-literal",
-    of="elast-psi",
-    about="Sec. 4.3 to the letter",
-    planner={
-        "batch": ONE_BY_ONE,
-        "sampling": {
-            "sparse_exponent": 1.0,
-            "crowding": "reachable",
-            "crowding_steps": None,
-            "count_rejections": False,
-        },
-        "actions": {"edge": 0.0, "momentum": 0.0},
-        "rewire": {"candidates": 1_000_000},
-        "reuse": {"enabled": False, "failure_steps": 0.0},
-        "refine": {"iterations": 0},
-        "duplicate_steps": 0.0,
-        "prune": False,
-    },
-    control={**TREES_ALONE, "patience": 0},
-)
-variant("elast-serial", of="elast", about="one expansion at a time", planner={"batch": ONE_BY_ONE})
-variant(
-    "elast-no-reuse",
-    of="elast",
-    about="every plan grows a new tree",
-    planner={"reuse": {"enabled": False}},
-)
-variant(
-    "elast-no-refine",
-    of="elast",
-    about="trees alone, no shooting",
-    planner={"refine": {"iterations": 0}},
-    control=TREES_ALONE,
-)
-for _word, _test in (("support", "support"), ("roundtrip", "round_trip")):
-    variant(
-        f"elast-no-{_word}",
-        of="elast",
-        about=f"no {_test.replace('_', '-')} test",
-        planner={"tests": {f"{_test}_quantile": None}},
-    )
-for _base in ("elast", "elast-psi"):
-    variant(
-        f"{_base}-no-density",
-        of=_base,
-        about="ψ rejects nothing",
-        planner={"tests": {"density_quantile": None}},
-    )
-    variant(
-        f"{_base}-no-rewire", of=_base, about="no rewiring", planner={"rewire": {"enabled": False}}
-    )
-    variant(
-        f"{_base}-no-sparse",
-        of=_base,
-        about="no bias to sparse nodes",
-        planner={"sampling": {"p_sparse": 0.0, "p_uniform": 0.98}},
-    )
-    variant(
-        f"{_base}-no-ensemble",
-        of=_base,
-        about="h_f alone, no variance test",
-        planner={"use_ensemble": False, "tests": {"variance_quantile": None}},
-    )
+for _row in ABLATIONS:
+    variant(_row.name, of=_row.of, about=_row.about, **_row.changes)

@@ -50,6 +50,13 @@ def load_model(folder: Path, kind: str) -> nn.Module:
     return module.eval()
 
 
+def parameter_count(folder: Path, kind: str) -> int:
+    """Trained numbers of a model of `kind`, by what is stored beside its weights."""
+    with torch.device("meta"):
+        module: nn.Module = read_spec(folder, kind).build()
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
 def arrays_of(module: nn.Module) -> dict[str, Array]:
     """The tensors of a module as arrays, by name."""
     return {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from pydantic import Field
 
-from elast_cli.config import StrictModel
+from elast_cli.config import JsonDict, StrictModel
 from elast_cli.progress import Progress
 from elast_cli.seeding import derived_seed
 from elast_cli.shapes import Uint8
@@ -50,6 +50,10 @@ class FitConfig(StrictModel):
 
 class PartSection(StrictModel):
     """A part's section of a preset. Parts add their own records, such as `net`."""
+
+    def determining(self) -> JsonDict:
+        """The keys that determine the trained part, as plain data for its recipe."""
+        return self.model_dump(mode="json")
 
 
 class Section(PartSection):

@@ -161,7 +161,7 @@ def _run_chunk(chunk: _Chunk) -> None:
     max_steps = _budget(job, chunk.scenarios[0])
     envs = [make(job.env, job.config.env) for _ in chunk.scenarios]
     folders = {role: job.store.path(ref) for role, ref in chunk.inputs.items()}
-    rows = len(envs)
+    rows, cpu = len(envs), time.process_time()
     with (
         job.progress.task(chunk.method, rows * max_steps) as advance,
         Compiling(job.progress.note),
@@ -186,10 +186,11 @@ def _run_chunk(chunk: _Chunk) -> None:
             keep_frames=True,
             advance=advance,
         )
-    _keep(chunk, traces)
+    cpu = time.process_time() - cpu
+    _keep(chunk, traces, cpu / max(1, sum(trace.length for trace in traces)))
 
 
-def _keep(chunk: _Chunk, traces: Sequence[Trace]) -> None:
+def _keep(chunk: _Chunk, traces: Sequence[Trace], cpu_s_per_step: float) -> None:
     """Put episodes on disk, with the frames of those that may be drawn."""
     kept: set[bool] = set()  # the first success and the first failure are drawn
     for scenario, trace in zip(chunk.scenarios, traces, strict=True):
@@ -199,7 +200,8 @@ def _keep(chunk: _Chunk, traces: Sequence[Trace]) -> None:
             assert trace.frames is not None
             where = chunk.folder, scenario.level, scenario.index
             write_frames(*where, trace.frames, trace.goal)
-        write_row(chunk.folder, _row(chunk.job, chunk.method, scenario, trace))
+        row = _row(chunk.job, chunk.method, scenario, trace)
+        write_row(chunk.folder, row.model_copy(update={"cpu_s_per_step": cpu_s_per_step}))
 
 
 def plan_seed(job: Job, scenario: Scenario) -> int:

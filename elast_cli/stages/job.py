@@ -14,6 +14,7 @@ from elast_cli.engine.local import LocalEngine
 from elast_cli.envs.base import TaskInfo
 from elast_cli.envs.registry import task_info
 from elast_cli.errors import UnavailableError, UsageError
+from elast_cli.methods.table import joined
 from elast_cli.models.parts import PARTS, closure
 from elast_cli.preset import DEFAULT, Preset
 from elast_cli.progress import Progress, Silent
@@ -38,7 +39,8 @@ class Job:
         preset: the preset's name, part of the lineage.
         config: all its sections, `--set` included.
         seed: of data, training and planner; part of the lineage.
-        changes: keys of parts' sections that a method changes, by kind; `config` has them.
+        changes: keys of parts' sections that a method or a sweep changes, by kind; `config` has
+            them.
         method: the name of that method.
         device: "cpu" or "cuda", resolved; part of the recipe of whatever torch computes.
         threads: torch threads a process; part of such recipes too.
@@ -90,7 +92,8 @@ class Job:
         if not changes:
             return replace(self, method=method.name)
         config = self.config.changed(changes, by=f"method {method.name}")
-        return replace(self, config=config, changes=changes, method=method.name)
+        both = joined(self.changes, changes)
+        return replace(self, config=config, changes=both, method=method.name)
 
     def variant(self, kind: str) -> JsonDict:
         """What this job changes in a part, or in one that it is made from."""

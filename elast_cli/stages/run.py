@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
-from elast_cli.errors import MissingInputError, RequirementError, UsageError, suggestion
-from elast_cli.evaluation.requirements import Requirement, check, expect, parse_requirement
-from elast_cli.evaluation.rows import Cell, EpisodeRow
+from elast_cli.errors import MissingInputError, RequirementError
+from elast_cli.evaluation.requirements import check
+from elast_cli.evaluation.rows import EpisodeRow
 from elast_cli.evaluation.summary import results_document, summarize
 from elast_cli.evaluation.tables import success_notes, table
 from elast_cli.methods.table import method_named
-from elast_cli.models.parts import closure
 from elast_cli.progress import Silent
 from elast_cli.stages import estimate, evaluate, report
+from elast_cli.stages.benchmark import Benchmark
 from elast_cli.stages.chain import make_models, planned_models, planned_row
 from elast_cli.stages.job import Job
 from elast_cli.stages.resolve import present, resolve, roles_of
@@ -27,87 +26,6 @@ from elast_cli.store.manifest import Ref
 
 if TYPE_CHECKING:
     from rich.console import Group
-
-_SEED = re.compile("[0-9]{1,18}", re.ASCII)
-
-
-@dataclass(frozen=True)
-class Benchmark:
-    """Methods, levels (None: all of an environment) and training seeds to evaluate."""
-
-    methods: tuple[str, ...]
-    levels: tuple[str, ...] | None
-    seeds: tuple[int, ...]
-    requirements: tuple[Requirement, ...] = ()
-    allow_overrides: bool = False
-
-    @classmethod
-    def parse(
-        cls,
-        methods: str,
-        levels: str | None,
-        seeds: str | None,
-        seed: int,
-        bounds: Sequence[str],
-        *,
-        allow_overrides: bool = False,
-    ) -> Benchmark:
-        """What the flags ask for.
-
-        Raises:
-            UsageError: an unknown method, a seed that is no number, a bad bound, or nothing at all.
-        """
-        if seeds is not None and seed:
-            raise UsageError(f"--seed {seed} and --seeds {seeds} both name seeds; give one of them")
-        names = _words(methods, "--methods")
-        for name in names:
-            method_named(name)
-        wanted = _words(seeds, "--seeds") if seeds is not None else (str(seed),)
-        if not all(_SEED.fullmatch(text) for text in wanted):
-            raise UsageError(f"--seeds {seeds!r}: expected numbers and commas, as in 0,1,2")
-        return cls(
-            names,
-            _words(levels, "--level") if levels is not None else None,
-            tuple(dict.fromkeys(int(text) for text in wanted)),
-            tuple(parse_requirement(text) for text in bounds),
-            allow_overrides,
-        )
-
-    def sections(self, *, make: bool) -> set[str]:
-        """The sections of a preset that an evaluation uses, and with `make` all stages before."""
-        methods = [method_named(name) for name in self.methods]
-        used = {"env", "eval", *(section for method in methods for section in method.sections)}
-        if make:
-            used |= {"collect", *(kind for method in methods for kind in closure(method.parts))}
-        return used
-
-    def levels_of(self, job: Job) -> tuple[str, ...]:
-        """The levels to evaluate: the requested ones that the job's environment has."""
-        known = job.task_info.levels
-        return tuple(known if self.levels is None else (n for n in self.levels if n in known))
-
-    def having_levels(self, jobs: Sequence[Job]) -> list[Job]:
-        """The jobs that have something to evaluate.
-
-        Raises:
-            UsageError: a level that no environment of theirs has.
-        """
-        known = list(dict.fromkeys(level for job in jobs for level in job.task_info.levels))
-        for name in self.levels or ():
-            if name not in known:
-                hint = suggestion(name, known)
-                raise UsageError(f"unknown level {name!r}{hint}; choose {', '.join(known)}")
-        return [job for job in jobs if self.levels_of(job)]
-
-    def expect(self, jobs: Sequence[Job]) -> None:
-        """Raise UsageError if a requirement covers nothing that will be evaluated."""
-        cells = [
-            Cell(job.env, level, method)
-            for job in jobs
-            for level in self.levels_of(job)
-            for method in self.methods
-        ]
-        expect(self.requirements, cells)
 
 
 def complete(jobs: Sequence[Job], bench: Benchmark) -> list[Job]:
@@ -146,12 +64,22 @@ def evaluate_all(job: Job, bench: Benchmark, *, make: bool) -> Ref:
     return report.recipe_job(job, evaluations).carry_out()
 
 
-def make_parts(job: Job, methods: Sequence[str]) -> dict[str, dict[str, Ref]]:
+Made = dict[tuple[str, str], Ref]  # parts by role and by what is changed in them
+
+
+def make_parts(
+    job: Job, methods: Sequence[str], made: Made | None = None
+) -> dict[str, dict[str, Ref]]:
     """The parts of each method by its name, made where they are missing.
 
     A part is made once for all methods that share it; one that a method changes is its own.
+
+    Args:
+        job: environment, preset, seed, and how to run.
+        methods: names.
+        made: parts of this environment and seed that were made before; gets those of these.
     """
-    made: dict[tuple[str, str], Ref] = {}
+    made = {} if made is None else made
     parts: dict[str, dict[str, Ref]] = {}
     for name in methods:
         method = method_named(name)
@@ -177,28 +105,44 @@ def planned(job: Job, bench: Benchmark, *, make: bool) -> list[JsonDict]:
         of_seed = replace(job, seed=seed)
         listed: set[tuple[str, str]] = set()
         for name in bench.methods:
-            method = method_named(name)
-            given = of_seed.of_method(method)
-            if make:
-                models = planned_models(given, method.parts)
-                rows += [row for row in models if _key(given, str(row["kind"])) not in listed]
-                listed |= {_key(given, str(row["kind"])) for row in models}
-                refs = {str(row["kind"]): Ref.maybe(str(row["published"])) for row in models}
-                given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
-            ref, needed = None, present(job, method.parts)
-            if not make or all(role in given.given for role in needed):
-                ref = evaluate.recipe_job(given, name, levels).published()
+            found, ref = planned_method(of_seed, name, levels, listed, make=make)
+            rows += found
             if ref:
                 evaluations[name, seed] = ref
-            config = evaluate.recipe_config(given, name, levels)
-            cost = estimate.NOTHING if ref else estimate.of_evaluation(given, config)
-            rows.append(planned_row(of_seed, f"eval {name}", ref, cost))
     every = len(evaluations) == len(bench.methods) * len(bench.seeds)
-    found = report.recipe_job(job, evaluations).published() if every else None
+    there = report.recipe_job(job, evaluations).published() if every else None
     counts = {"methods": len(bench.methods), "seeds": len(bench.seeds), "levels": len(levels)}
-    cost = estimate.NOTHING if found else estimate.of_report(job, **counts)
-    rows.append(planned_row(replace(job, seed=min(bench.seeds)), "report", found, cost))
+    cost = estimate.NOTHING if there else estimate.of_report(job, **counts)
+    rows.append(planned_row(replace(job, seed=min(bench.seeds)), "report", there, cost))
     return rows
+
+
+def planned_method(
+    job: Job, name: str, levels: Sequence[str], listed: set[tuple[str, str]], *, make: bool
+) -> tuple[list[JsonDict], Ref | None]:
+    """What the evaluation of a method would find and make, and the evaluation that is there.
+
+    Args:
+        job: environment, preset and seed.
+        name: of the method.
+        levels: to evaluate.
+        listed: parts that are listed already; gets those of this method.
+        make: with all parts that are missing.
+    """
+    method, rows = method_named(name), []
+    given = job.of_method(method)
+    if make:
+        models = planned_models(given, method.parts)
+        rows += [row for row in models if _key(given, str(row["kind"])) not in listed]
+        listed |= {_key(given, str(row["kind"])) for row in models}
+        refs = {str(row["kind"]): Ref.maybe(str(row["published"])) for row in models}
+        given = replace(given, given={kind: ref for kind, ref in refs.items() if ref})
+    ref, needed = None, present(job, method.parts)
+    if not make or all(role in given.given for role in needed):
+        ref = evaluate.recipe_job(given, name, levels).published()
+    config = evaluate.recipe_config(given, name, levels)
+    cost = estimate.NOTHING if ref else estimate.of_evaluation(given, config)
+    return [*rows, planned_row(job, f"eval {name}", ref, cost)], ref
 
 
 @dataclass(frozen=True)
@@ -261,11 +205,3 @@ class Outcome:
         missed = [f"{v.text} has {v.value:.1f}" for v in verdicts if not v.ok]
         if missed:
             raise RequirementError(f"missed: {'; '.join(missed)}")
-
-
-def _words(text: str, flag: str) -> tuple[str, ...]:
-    """The comma-separated words of a flag, each once."""
-    words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-    if not words:
-        raise UsageError(f"{flag} {text!r}: expected one or more names, separated by commas")
-    return words

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, StorageError
-from elast_cli.memory import available
+from elast_cli.memory import available, peak
 from elast_cli.models.parts import CONTEXT, DATASET, part_named
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.differences import WITHOUT_EFFECT
@@ -50,7 +50,7 @@ def recipe_job(job: Job, kind: str) -> RecipeJob:
 
 def _settings(job: Job, kind: str) -> JsonDict:
     """The part's section, without keys that change no weight."""
-    section = job.config.plain(kind)
+    section = job.config.section(kind, part_named(kind).section).determining()
     fit = section.get("fit")
     if not isinstance(fit, dict):  # nothing is fitted
         return section
@@ -91,6 +91,7 @@ def _train(job: Job, kind: str, inputs: Mapping[str, Ref], run: Run) -> JsonDict
         **metrics,
         "wall_s": round(time.monotonic() - began, 3),
         "cpu_s": round(time.process_time() - cpu, 3),
+        "peak_memory_gb": round(peak() / 1e9, 3),  # of the process, with all that it did before
     }
 
 

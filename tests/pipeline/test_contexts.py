@@ -10,7 +10,7 @@ import pytest
 
 from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
-from tests.toys.pipeline import MODELS, PARAM, run_in
+from tests.toys.pipeline import MEASURED, MODELS, PARAM, run_in
 
 
 def test_contexts_are_part_of_every_lineage_that_learns(with_context: Path) -> None:
@@ -66,7 +66,7 @@ def test_two_workers_give_the_same_episodes_with_contexts(
     ]
     once, again = (
         [
-            {key: value for key, value in row.items() if not key.endswith("plan_s")}
+            {key: value for key, value in row.items() if not key.endswith(MEASURED)}
             for row in json.loads(store.file(ref, "results.json").read_text())["per_episode"]
         ]
         for ref in evaluations

@@ -11,10 +11,11 @@ from elast_cli.config import JsonDict
 from elast_cli.errors import DataError, MissingInputError, RequirementError
 from elast_cli.evaluation.requirements import parse_requirement
 from elast_cli.stages import presets
+from elast_cli.stages.benchmark import Benchmark
 from elast_cli.stages.differences import of_sections, of_world
 from elast_cli.stages.job import Job, RecipeJob
 from elast_cli.stages.resolve import overrides, resolve
-from elast_cli.stages.run import Benchmark, Outcome
+from elast_cli.stages.run import Outcome
 from elast_cli.store.manifest import Ref
 from elast_cli.store.run import Run
 from tests.toys.episodes import episode

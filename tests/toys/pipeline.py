@@ -28,6 +28,7 @@ TINY = [
 ]
 SETS = [word for text in TINY for word in ("--set", text)]
 RUN = ["run", *ENV, *SETS, "--level", "hard", "--episodes", "2", "--quiet"]
+MEASURED = ("plan_s", "cpu_s_per_step")  # of an episode's row: times
 MODELS = ("encoder", "ensemble", "density", "policy")
 PARAM = ["--env", "block-param", "--preset", "quick", *SETS, "--set", "collect.n=600"]
 PARAM += ["--set", "context.fit.steps=10", "--set", "context.fit.batch_size=16"]
@@ -60,5 +61,5 @@ def episodes(home: Path) -> list[dict[str, Any]]:
     path = home / "artifacts/block-s/report/v1/results.json"
     rows: list[dict[str, Any]] = json.loads(path.read_text())["per_episode"]
     return [
-        {key: value for key, value in row.items() if not key.endswith("plan_s")} for row in rows
+        {key: value for key, value in row.items() if not key.endswith(MEASURED)} for row in rows
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, model_validator
 
-from elast_cli.config import StrictModel
+from elast_cli.config import JsonDict, StrictModel
 from elast_cli.models.part import MAX_WIDTH, FitConfig, Section, Sizes
 from elast_cli.models.tensors import Wanted, floats, network, quantiles, scale
 from elast_cli.shapes import IMAGE_SIZE
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 SMALLEST = 4  # side of the innermost feature maps
 MOST_CHANNELS = 256
+CPC: Literal["cpc"] = "cpc"
 
 
 def doubling(side: int, channels: int) -> list[int]:
@@ -91,11 +92,23 @@ class CpcConfig(StrictModel):
     inverse_weight: float = Field(default=0.0, ge=0, description="of reading actions off states")
 
 
-class EncoderSection(Section):
-    """Everything `train-encoder` needs."""
+class VaeConfig(StrictModel):
+    """The objective of a β-VAE (Higgins et al. 2017), in place of Eq. 4 for an ablation.
 
+    Its images are those that φ takes, of order one. Their likelihood is a Gaussian of unit
+    variance, summed over pixels. Of `cpc` it uses `horizon`, `dynamics_width` and `still_share`.
+    """
+
+    beta: float = Field(default=4.0, ge=0, description="weight of the divergence, β")
+
+
+class EncoderSection(Section):
+    """Everything `train-encoder` needs; `vae` matters for the objective `beta-vae` alone."""
+
+    objective: Literal["cpc", "beta-vae"] = Field(default=CPC, description="what trains φ")
     net: EncoderConfig = EncoderConfig()
     cpc: CpcConfig = CpcConfig()
+    vae: VaeConfig = VaeConfig()
     fit: FitConfig = FitConfig(steps=8000, batch_size=256)
 
     @model_validator(mode="after")
@@ -103,6 +116,15 @@ class EncoderSection(Section):
         if self.cpc.lookalikes > 1 and self.fit.save_every % self.cpc.refresh:
             raise ValueError("fit.save_every must be a multiple of cpc.refresh, to be resumable")
         return self
+
+    def determining(self) -> JsonDict:
+        """All keys, but none of the β-VAE where φ is trained without it (older recipes agree)."""
+        found = super().determining()
+        return found if self.objective != CPC else _without(found, "objective", "vae")
+
+
+def _without(data: JsonDict, *keys: str) -> JsonDict:
+    return {key: value for key, value in data.items() if key not in keys}
 
 
 class EncoderSpec(StrictModel):

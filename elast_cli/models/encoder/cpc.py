@@ -62,10 +62,7 @@ def cpc_loss(
     m, steps = features.shape[0], features.shape[1]
     flat = features.flatten(0, 1)
     z = model.encoder(flat).unflatten(0, (m, steps))
-    predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
-    for i in range(config.horizon):
-        predicted = model.dynamics(predicted, actions[:, i], context)
-        consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
+    predicted, consistency = rollout(model.dynamics, z, actions, context)
     latest_first = z.flip(1).transpose(0, 1).flatten(0, 1)
     states = latest_first if config.negatives == "window" else z[:, -1]
     contrast = info_nce(predicted, states)
@@ -79,6 +76,24 @@ def cpc_loss(
         inverse = inverse_loss(model.inverse, z, actions, context)
         total, parts = total + config.inverse_weight * inverse, {**parts, "inverse": inverse}
     return total, parts
+
+
+def rollout(
+    dynamics: ForwardModel, z: Tensor, actions: Tensor, context: Tensor
+) -> tuple[Tensor, Tensor]:
+    """h_f's prediction of the last state [M,Z], and the consistency term of Eq. 4: scalar.
+
+    Args:
+        dynamics: h_f.
+        z: latents of windows [M,k+1,Z]; it starts from the first.
+        actions: between them [M,k,A].
+        context: [M,C].
+    """
+    predicted, consistency = z[:, 0], torch.zeros((), device=z.device)
+    for i in range(actions.shape[1]):
+        predicted = dynamics(predicted, actions[:, i], context)
+        consistency = consistency + (z[:, i + 1] - predicted).square().sum(-1).mean()
+    return predicted, consistency
 
 
 def inverse_loss(

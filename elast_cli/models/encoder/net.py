@@ -28,16 +28,35 @@ class Encoder(PooledImages):
         side = self.side
         if config.architecture == "pooled-mlp":
             n_in = config.frames * 3 * side * side
-            self.net: nn.Module = mlp([n_in, config.width, config.width, config.latent_size])
+            layers = [n_in, config.width, config.width, config.latent_size]
+            self.net: nn.Sequential | ConvStack = mlp(layers)
         else:
             self.net = ConvStack(config)
 
     def forward(self, features: Tensor) -> Tensor:
         """Encode stacks [M,F,3,S,S] to latents [M,Z]."""
-        x = self.normalized(features[:, -self.config.frames :])
-        convolved = isinstance(self.net, ConvStack)
-        latent: Tensor = self.net(x.flatten(1, 2) if convolved else x.flatten(1))
-        return latent.float()
+        return self.latent(self.hidden(self.seen(features)))
+
+    def seen(self, features: Tensor) -> Tensor:
+        """The normalised frames [M,F',3,S,S] of stacks [M,F,3,S,S] that φ sees."""
+        return self.normalized(features[:, -self.config.frames :])
+
+    def hidden(self, frames: Tensor) -> Tensor:
+        """Last hidden layer [M,width] on normalised frames [M,F',3,S,S]."""
+        if isinstance(self.net, ConvStack):
+            frames = self.net.body(frames.flatten(1, 2))
+        found: Tensor = self._dense[:-1](frames.flatten(1))
+        return found
+
+    def latent(self, hidden: Tensor) -> Tensor:
+        """Latents [M,Z] from the last hidden layer [M,width]."""
+        found: Tensor = self._dense[-1](hidden)
+        return found.float()
+
+    @property
+    def _dense(self) -> nn.Sequential:
+        """The dense layers."""
+        return self.net.head if isinstance(self.net, ConvStack) else self.net
 
 
 def convolutions(frames: int, channels: Sequence[int]) -> nn.Sequential:

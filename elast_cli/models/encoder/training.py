@@ -1,4 +1,4 @@
-"""Training of φ and h_f (Eq. 4), and measurement of the latents."""
+"""Training of φ and h_f (Eq. 4, or a β-VAE), and measurement of the latents."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from elast_cli.data.dataset import Dataset
 from elast_cli.errors import DataError
@@ -14,6 +14,7 @@ from elast_cli.models.encoder.config import EncoderSection, EncoderSpec
 from elast_cli.models.encoder.cpc import Representation, cpc_loss
 from elast_cli.models.encoder.encode import encode, latents
 from elast_cli.models.encoder.hard_negatives import HardNegatives, Starts
+from elast_cli.models.encoder.vae import BetaVae, vae_loss
 from elast_cli.models.encoder.windows import FrameWindows, frame_features
 from elast_cli.models.fit import fit
 from elast_cli.models.inputs import Inputs
@@ -24,6 +25,7 @@ from elast_cli.models.probe import probe_state
 from elast_cli.seeding import generator
 from elast_cli.shapes import Int64
 
+Window = tuple[Tensor, Tensor, Tensor]  # stacks, actions and context, as of FrameWindows.window
 NORMALIZED = 4096  # states whose frames the normalisation is fitted to
 
 
@@ -40,7 +42,7 @@ def train_encoder(
     *,
     outputs: Outputs | None = None,
 ) -> Trained:
-    """Train φ and h_f on Eq. 4, then measure the latents: step lengths, probes of the true state.
+    """Train φ and h_f, then measure the latents: step lengths, probes of the true state.
 
     Args:
         dataset: random interaction data.
@@ -59,9 +61,7 @@ def train_encoder(
     features = frame_features(dataset, model.encoder, setting)
     windows = FrameWindows(dataset, features, context.to(setting.device))
     objective = objective_of(dataset, model, windows, section, setting)
-    curve = fit(
-        "encoder", model, objective.loss, objective.validate, config=section.fit, setting=setting
-    )
+    curve = objective.fit(setting)
     data = encode(dataset, context, model.encoder, setting, windows=windows, outputs=outputs)
     z, z_next = data.z[data.train], data.z[data.train + 1]
     model.scale.fit(z, z_next)
@@ -88,21 +88,60 @@ class Objective:
     check: Int64
     section: EncoderSection
 
+    def fit(self, setting: Setting) -> list[dict[str, float]]:
+        """Train the module in place; the curve of its metrics."""
+        config = self.section.fit
+        return fit("encoder", self.module, self.loss, self.validate, config=config, setting=setting)
+
+    @property
+    def module(self) -> nn.Module:
+        """What is fitted: φ and h_f, and what else their objective needs."""
+        return self.model
+
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of a batch and its parts."""
         cpc = self.section.cpc
         rows = self.batches.batch(rng, self.section.fit.batch_size)
         still = rng.random((len(rows), cpc.horizon + 1)) < cpc.still_share
-        return cpc_loss(self.model, *self.windows.window(rows, cpc.horizon, still), cpc)
+        return self.of(self.windows.window(rows, cpc.horizon, still), rng)
 
     def validate(self) -> dict[str, float]:
         """Mean parts of the loss on held-out windows."""
         cpc, parts = self.section.cpc, max(1, len(self.check) // self.section.fit.batch_size)
         found = [
-            cpc_loss(self.model, *self.windows.window(rows, cpc.horizon), cpc)[1]
+            self.of(self.windows.window(rows, cpc.horizon))[1]
             for rows in np.array_split(self.check, parts)
         ]
         return {k: float(torch.stack([p[k] for p in found]).mean()) for k in found[0]}
+
+    def of(
+        self, window: Window, _rng: np.random.Generator | None = None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss of some windows and its parts; without a generator nothing is random."""
+        return cpc_loss(self.model, *window, self.section.cpc)
+
+
+@dataclass(frozen=True)
+class VaeObjective(Objective):
+    """The objective of a β-VAE for φ, and of h_f on its latents."""
+
+    vae: BetaVae
+
+    @property
+    def module(self) -> nn.Module:
+        """φ, h_f and the decoder."""
+        return self.vae
+
+    def of(
+        self, window: Window, rng: np.random.Generator | None = None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss of some windows and its parts; without a generator the posterior's mean decoded."""
+        features, shape = window[0], (window[0].shape[:2].numel(), self.section.net.latent_size)
+        noise = np.zeros(shape, np.float32)
+        if rng is not None:
+            noise = rng.standard_normal(shape, np.float32)
+        drawn = torch.from_numpy(noise).to(features.device)
+        return vae_loss(self.vae, *window, drawn, self.section.vae.beta)
 
 
 def objective_of(
@@ -123,6 +162,10 @@ def objective_of(
         )
     sample = generator("train", setting.seed, stream("encoder")).choice(starts, NORMALIZED)
     model.encoder.fit_normalization(windows.stacks(sample).flatten(0, 1))
+    check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
+    if section.objective == "beta-vae":
+        vae = BetaVae(model).to(setting.device)
+        return VaeObjective(model, windows, Starts(starts), check, section, vae)
     batches: Starts | HardNegatives = Starts(starts)
     if cpc.lookalikes > 1:
         batches = HardNegatives(
@@ -131,7 +174,6 @@ def objective_of(
             group=cpc.lookalikes,
             refresh=cpc.refresh,
         )
-    check = held_out[:: max(1, len(held_out) // VALIDATION_ROWS)][:VALIDATION_ROWS]
     return Objective(model, windows, batches, check, section)
 
 
@@ -145,8 +187,9 @@ def _encoder_metrics(
         data.z.cpu().numpy(), dataset.state, data.train.cpu().numpy(), data.val.cpu().numpy()
     )
     used = torch.linalg.svdvals(z - z.mean(0)).square()
+    fitted = ("val_info_nce", "val_reconstruction", "val_kl")  # of one objective or the other
     return {
-        "val_info_nce": curve[-1]["val_info_nce"],
+        **{name: curve[-1][name] for name in fitted if name in curve[-1]},
         "val_one_step_error_in_steps": float(error.mean()) / model.step_length(0.5),
         "latent_dimensions_used": float(used.sum().square() / used.square().sum()),
         **probes,

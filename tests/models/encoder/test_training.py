@@ -30,41 +30,18 @@ from elast_cli.models.ensemble.support import SupportedDynamics
 from elast_cli.models.ensemble.training import train_ensemble
 from elast_cli.models.frames import HeldFrames
 from elast_cli.models.latents import LatentData
-from elast_cli.models.part import FitConfig, Setting, Trained
+from elast_cli.models.part import FitConfig, Trained
 from elast_cli.models.policy.config import PolicyConfig, PolicySection
 from elast_cli.models.policy.net import LocalPolicy
 from elast_cli.models.policy.training import train_policy
-from elast_cli.progress import Silent
+from tests.toys.square import EPISODES, ROWS, recorded, setting
 
-EPISODES, ROWS = 30, 21
 ENCODER = EncoderSection(
     net=EncoderConfig(latent_size=3, width=32, pool=4),
     cpc=CpcConfig(horizon=2, dynamics_width=32),
     fit=FitConfig(steps=150, batch_size=64, learning_rate=3e-3, log_every=25),
 )
 FIT = FitConfig(steps=200, batch_size=64, learning_rate=3e-3, log_every=25)
-
-
-def recorded(rows: int = ROWS, episodes: int = EPISODES) -> Dataset:
-    """Random walks of the square; the state is where it is."""
-    rng = np.random.default_rng(0)
-    pixels = np.zeros((episodes * rows, 64, 64, 3), np.uint8)
-    action = rng.uniform(-1, 1, (episodes * rows, 2)).astype(np.float32)
-    state = np.zeros((episodes * rows, 2), np.float32)
-    for row in range(len(pixels)):
-        new = row % rows == 0
-        before = rng.uniform(10, 54, 2) if new else state[row - 1] + 6 * action[row - 1]
-        state[row] = np.clip(before, 8, 56)
-        x, y = state[row].astype(int)
-        pixels[row, y - 8 : y + 8, x - 8 : x + 8] = (255, 120, 30)
-    action[rows - 1 :: rows] = np.nan
-    length = np.full(episodes, rows, np.int32)
-    return Dataset(pixels, action, state, length, np.arange(episodes) * rows, None)
-
-
-def setting(work: Path, seed: int = 0) -> Setting:
-    work.mkdir(exist_ok=True)
-    return Setting(seed, work, torch.device("cpu"), Silent())
 
 
 @pytest.fixture(scope="module")
