@@ -123,7 +123,9 @@ def _side_by_side(
     margin, header = 3 * scale, 7 * scale
     picture = Image.new("RGB", (2 * width + 4 * margin, height + header + margin), "white")
     draw = ImageDraw.Draw(picture)
-    font = ImageFont.load_default(3.5 * scale)
+    size, room = 3.5 * scale, width + margin
+    wide = ImageFont.load_default(size).getlength(text)
+    font = ImageFont.load_default(size * min(1, room / max(wide, 1)))
     border = START if reached else FAINT
     sides = ((margin, frame, border, text), (width + 3 * margin, goal, GOAL, "goal"))
     for left, image, colour, label in sides:
