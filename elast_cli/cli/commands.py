@@ -9,15 +9,16 @@ from typing import Annotated, Any
 import typer
 
 from elast_cli.cli import completion
+from elast_cli.cli.figure import figure
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, note, report, unused
 from elast_cli.cli.options import (
-    MAX_SEED,
     Env,
     Evaluating,
     Fitting,
     Json,
     Lineage,
     NoFitting,
+    OneScenario,
     Running,
     Searching,
     SomeEnv,
@@ -39,6 +40,7 @@ def register(app: typer.Typer) -> None:
         app.command(f"train-{word(part.kind)}", help=part.about)(_train_command(part))
     app.command()(train_baseline)
     app.command()(plan)
+    app.command()(figure)
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
     app.command("ls")(list_artifacts)
@@ -115,10 +117,11 @@ def train_baseline(
     print_json(made) if running.json else print_text("\n".join(made.values()))
 
 
-@takes(AllInputs, Searching, Lineage, Running)
+@takes(AllInputs, OneScenario, Searching, Lineage, Running)
 def plan(
     env: Env,
     inputs: AllInputs,
+    one: OneScenario,
     searching: Searching,
     lineage: Lineage,
     running: Running,
@@ -126,20 +129,14 @@ def plan(
         str,
         typer.Option(help="A method that grows a tree.", autocompletion=completion.growing_trees),
     ] = "elast",
-    level: Annotated[str | None, typer.Option(help="Level; default: the hardest.")] = None,
-    scenario: Annotated[int, typer.Option(min=0, max=100_000, help="Number of the scenario.")] = 0,
-    scenario_seed: Annotated[
-        int | None, typer.Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
-    ] = None,
 ) -> None:
     """Plan one scenario and explain every edge of the plan, as JSON and as a picture."""
     from elast_cli.methods.table import method_named
     from elast_cli.stages import plan as stage
 
-    extra = given(("--scenario-seed", "eval.scenario_seed", scenario_seed))
-    extra += searching.overrides()
+    extra = [*one.overrides(), *searching.overrides()]
     job = job_of(env, lineage, running, extra, asdict(inputs))
-    wanted = stage.recipe_job(job, method, level or job.task_info.hardest.name, scenario)
+    wanted = stage.recipe_job(job, method, one.level or job.task_info.hardest.name, one.scenario)
     uses = ("env", "eval", *method_named(method).sections)
     finish(wanted, running, unused(lineage, extra, uses), stage.document)
 

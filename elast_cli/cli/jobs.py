@@ -161,8 +161,17 @@ def finish(
     running: Running,
     notes: Sequence[str] = (),
     document: Callable[[Store, Ref], Any] | None = None,
+    text: Callable[[Store, Ref], str] | None = None,
 ) -> None:
-    """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON."""
+    """Carry out a recipe job, or say what that would do, and print what was made.
+
+    Args:
+        wanted: the job.
+        running: how to run.
+        notes: for stderr.
+        document: what is printed as JSON; by default what every stage prints.
+        text: what is printed else; by default the ref.
+    """
     from elast_cli.cli.dry_run import show_stage
     from elast_cli.stages import estimate, inspect
 
@@ -174,4 +183,4 @@ def finish(
     if running.json:
         print_json((document or inspect.made)(wanted.job.store, ref))
     else:
-        print_text(str(ref))
+        print_text(text(wanted.job.store, ref) if text else str(ref))
