@@ -67,7 +67,7 @@ def regions_figure(picture: RegionsPicture, path: Path) -> None:
     cloud = picture.support_xy
     place = Place.of([cloud, picture.goal_xy[None]], picture.start_xy, picture.goal_xy)
     columns = max(map(len, picture.rows))
-    panel_height = min(6.0, max(2.2, _WIDTH / columns / place.aspect)) + 0.5
+    panel_height = min(6.0, max(1.6, _WIDTH / columns / place.aspect)) + 0.5
     height = panel_height * len(picture.rows) + 0.7
     with figure_png(path, _WIDTH, height) as figure:
         panels = figure.subplots(len(picture.rows), columns, squeeze=False)

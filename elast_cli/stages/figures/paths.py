@@ -96,4 +96,5 @@ def _shown(plan: Explanation) -> np.ndarray:
 def _caption(method: str, figures: JsonDict, rejected: list[int]) -> str:
     reached = "goal reached" if figures["reached"] else "goal not reached"
     steps = f"{figures['steps']} steps, {reached}"
-    return f"{method}\n{steps}; ψ rejects {len(rejected)} edges"
+    edges = "1 edge" if len(rejected) == 1 else f"{len(rejected)} edges"
+    return f"{method}\n{steps}; ψ rejects {edges}"
