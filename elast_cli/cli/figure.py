@@ -29,7 +29,7 @@ class Drawing:
         str | None, Option(metavar="A,B", help="sparse: values; default: 0,0.4,0.78.")
     ] = None
     radius: Annotated[
-        str | None, Option(metavar="STEPS", help="reachability: in median steps; default: 3.")
+        str | None, Option(metavar="STEPS", help="reachability: in median steps; default: 2.")
     ] = None
     state: Annotated[
         str | None,

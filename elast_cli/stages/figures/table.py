@@ -93,7 +93,7 @@ FIGURES = {
         ("elast",),
         _reachability,
         {"radius": settings.radius, "state": settings.state},
-        {"radius": 3.0, "state": None},
+        {"radius": 2.0, "state": None},
     ),
     "sparse": Figure(
         ("elast",), _sparse, {"p_sparse": settings.shares}, {"p_sparse": [0.0, 0.4, 0.78]}
