@@ -11,6 +11,7 @@ from elast_cli.data.dataset import Dataset
 from elast_cli.methods.explain import Explanation, explain_plan
 from elast_cli.methods.table import method_named
 from elast_cli.methods.thresholds import limits
+from elast_cli.models.tensors import Array
 from elast_cli.pictures.paths import PathPicture, PathsPicture, paths_figure
 from elast_cli.pictures.projection import project_parts
 from elast_cli.planners.tree.config import TreeConfig
@@ -87,7 +88,7 @@ def rejected_steps(figures: JsonDict, limit: float) -> list[int]:
     return [t for t, edge in enumerate(edges, 1) if float(str(edge["log_density"])) < limit]
 
 
-def _shown(plan: Explanation) -> np.ndarray:
+def _shown(plan: Explanation) -> Array:
     """Steps whose frames are drawn."""
     inner = np.arange(1, len(plan.path))
     return inner[:: max(1, -(-len(inner) // MOST_FRAMES))]

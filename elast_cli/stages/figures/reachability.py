@@ -11,6 +11,7 @@ from elast_cli.errors import UsageError
 from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.table import method_named
 from elast_cli.methods.thresholds import step_length
+from elast_cli.models.tensors import Array
 from elast_cli.pictures.projection import project_parts
 from elast_cli.pictures.reachability import ReachabilityPicture, reachability_figure
 from elast_cli.planners.tree.config import TreeConfig
@@ -83,21 +84,21 @@ def reachability(
     }
 
 
-def _nearest(rows: np.ndarray, to: np.ndarray) -> int:
+def _nearest(rows: Array, to: Array) -> int:
     """Index of the row [N,X] nearest to one [X]."""
     return int(np.linalg.norm(rows - to, axis=1).argmin())
 
 
-def _nearest_state(states: np.ndarray, state: list[float]) -> int:
+def _nearest_state(states: Array, state: list[float]) -> int:
     """Index of the true state [N,S] nearest to a named one. Raises UsageError: not of size S."""
     if len(state) != states.shape[1]:
         raise UsageError(f"--state: expected {states.shape[1]} numbers, got {len(state)}")
     return _nearest(states, np.array(state, np.float32))
 
 
-def _plain(row: np.ndarray) -> list[float]:
+def _plain(row: Array) -> list[float]:
     return [float(x) for x in row]
 
 
-def _text(state: np.ndarray) -> str:
+def _text(state: Array) -> str:
     return "(" + ", ".join(f"{x:.3g}" for x in state) + ")"
