@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from elast_cli.cli import completion
+from elast_cli.cli.figure import figure
 from elast_cli.cli.jobs import benchmark_of, finish, job_of, note, report, unused
 from elast_cli.cli.options import (
     Env,
@@ -42,6 +43,7 @@ def register(app: typer.Typer) -> None:
         app.command(f"train-{word(part.kind)}", help=part.about)(_train_command(part))
     app.command()(train_baseline)
     app.command()(plan)
+    app.command()(figure)
     app.command("eval")(evaluate)
     app.command("run")(run_chain)
     app.command()(table)

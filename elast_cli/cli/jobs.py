@@ -172,15 +172,17 @@ def finish(
     notes: Sequence[str] = (),
     document: Callable[[Store, Ref], Any] | None = None,
     remark: Callable[[Store, Ref], str] | None = None,
+    text: Callable[[Store, Ref], str] | None = None,
 ) -> None:
-    """Carry out a recipe job, or say what that would do; print its ref, or a document as JSON.
+    """Carry out a recipe job, or say what that would do, and print what was made.
 
     Args:
         wanted: the recipe job.
         running: how to run.
         notes: on stderr, once nothing is left to refuse.
-        document: what `--json` prints.
+        document: what `--json` prints; by default what every stage prints.
         remark: a note on what was made.
+        text: what is printed else; by default the ref.
     """
     from elast_cli.cli.dry_run import show_stage
     from elast_cli.stages import estimate, inspect
@@ -195,4 +197,4 @@ def finish(
     if running.json:
         print_json((document or inspect.made)(wanted.job.store, ref))
     else:
-        print_text(str(ref))
+        print_text(text(wanted.job.store, ref) if text else str(ref))

@@ -41,10 +41,23 @@ def build_mppi(models: Models, preset: Preset, env: str, _rows: int) -> Controll
 
 
 def _controller(section: str, models: Models, preset: Preset, env: str) -> Controller[Any]:
+    planner = sampling_planner(section, models, preset, env)
+    control = preset.section("control", ControlConfig)
+    every = planner.config.replan_every
+    return replanning(models, planner, PlayActions(), control, every=every)
+
+
+def sampling_planner(section: str, models: Models, preset: Preset, env: str) -> SamplingPlanner:
+    """A planner on trained models, which rolls out h_f.
+
+    Args:
+        section: of the preset, and name of the planner.
+        models: with the encoder.
+        preset: all configuration.
+        env: name of the environment.
+    """
     config_class, planner_class = _PLANNERS[section]
     config = preset.section(section, config_class)
-    control = preset.section("control", ControlConfig)
     encoder = models.part("encoder", Representation)
     rollout = CemRollout(encoder.dynamics, task_info(env, preset.env).action_size)
-    planner = planner_class(rollout, config, config.goal_steps * step_length(models, 0.5))
-    return replanning(models, planner, PlayActions(), control, every=config.replan_every)
+    return planner_class(rollout, config, config.goal_steps * step_length(models, 0.5))

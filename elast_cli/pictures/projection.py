@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -52,6 +53,23 @@ def project_2d(
         if xy is not None:
             return xy, "isomap"
     return _pca(chosen, rows), "pca"
+
+
+def project_parts(
+    parts: Sequence[Floats], *, fit: Floats, seed: int
+) -> tuple[list[Doubles], ProjectionName]:
+    """Several tables of latents in one plane, by Isomap if it can be fitted.
+
+    Args:
+        parts: [N,Z] each.
+        fit: [L,Z] rows to draw the landmarks from.
+        seed: of the draw.
+
+    Returns:
+        xy [N,2] of each part; the projection's name.
+    """
+    places, name = project_2d(np.concatenate(parts), fit=fit, seed=seed)
+    return np.split(places, np.cumsum([len(part) for part in parts[:-1]])), name
 
 
 def _finite(latents: Floats) -> Doubles:

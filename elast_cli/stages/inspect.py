@@ -54,7 +54,7 @@ def listing(store: Store, env: str | None, kind: str | None) -> list[JsonDict]:
 
 def _refuse_unknown(kind: str) -> None:
     """Raise UsageError if there can be no artifact of a kind."""
-    known = [*parts.kinds(), "plan", "eval", "report"]
+    known = [*parts.kinds(), "plan", "figure", "eval", "report"]
     if kind not in known:
         hint = suggestion(kind, known)
         raise UsageError(f"unknown kind {kind!r}{hint}; choose {', '.join(known)}")

@@ -11,7 +11,7 @@ import numpy as np
 from elast_cli.config import JsonDict
 from elast_cli.errors import MissingInputError, UsageError
 from elast_cli.methods.table import Method, method_named, needing
-from elast_cli.models.parts import DATASET, PARTS
+from elast_cli.models.parts import DATASET
 from elast_cli.shapes import IMAGE_SIZE, Int64, Uint8
 from elast_cli.stages.collect import DATASET_FILE
 from elast_cli.stages.job import (
@@ -19,8 +19,8 @@ from elast_cli.stages.job import (
     Job,
     RecipeJob,
     note_if_unrepeatable,
-    verify_files,
 )
+from elast_cli.stages.posed import Posed, posed
 from elast_cli.stages.problem import Problem
 from elast_cli.stages.resolve import resolve
 from elast_cli.store.manifest import Ref
@@ -89,70 +89,42 @@ def remark(store: Store, ref: Ref) -> str:
 def _plan(
     job: Job, method: Method, problem: Problem, inputs: Mapping[str, Ref], run: Run
 ) -> JsonDict:
-    from elast_cli.control.base import Task
     from elast_cli.methods.explain import explain_plan
-    from elast_cli.methods.loading import Models
-    from elast_cli.methods.sight import contexts, frame_encoder
-    from elast_cli.planners.base import Query
     from elast_cli.planners.tree.config import TreeConfig
 
     note_if_unrepeatable(job, method)
-    verify_files(job.store, {role: ref for role, ref in inputs.items() if role != DATASET})
-    folders = {role: job.store.path(ref) for role, ref in inputs.items() if role in PARTS}
-    models = Models(folders, job.device, job.threads)
-    views = problem.views()
-    seed = np.array([views.seed])
-    context = None if views.context is None else views.context[None]
-    encoder, read = frame_encoder(models), contexts(models)
-    goal, state = encoder.begin(Task(views.goal[None], seed, context))
-    latent, _ = encoder.update(state, views.start[None], None)
-    query = Query(latent, goal, read(context, 1), seed)
+    seen = posed(job, inputs, problem)
     config = method.configure(job.config).section(PLANNER, TreeConfig)
-    plan = explain_plan(models, config, query, views.distance)
-    about = {"env": job.env, **views.described, "train_seed": job.seed}
-    data: JsonDict = {"method": method.name, **about, "plan": plan.figures}
+    plan = explain_plan(seen.models, config, seen.query, seen.views.distance)
+    data: JsonDict = {"method": method.name, **seen.described, "plan": plan.figures}
     with (run.staging / PLAN_FILE).open("x", encoding="utf-8") as file:
         json.dump(data, file, indent=1, allow_nan=False)
-    support = models.stored("ensemble").arrays["support.latents"]
-    ends = np.concatenate([query.start, query.goal])
-    frames = views.start[-1], views.goal[-1]
-    title = f"{method.name}: {job.env} {problem.title}"
-    _draw(job, inputs, plan, support=support, ends=ends, frames=frames, title=title, run=run)
+    _draw(job, inputs, seen, plan, run)
     return {key: plan.figures[key] for key in METRICS}
 
 
-def _draw(
-    job: Job,
-    inputs: Mapping[str, Ref],
-    plan: Explanation,
-    *,
-    support: Any,
-    ends: Any,
-    frames: tuple[Uint8, Uint8],
-    title: str,
-    run: Run,
-) -> None:
+def _draw(job: Job, inputs: Mapping[str, Ref], seen: Posed, plan: Explanation, run: Run) -> None:
     """The tree and the path in the plane, beside the nearest data frames along the path."""
     from elast_cli.pictures.plan import PlanPicture, plan_figure
-    from elast_cli.pictures.projection import project_2d
+    from elast_cli.pictures.projection import project_parts
 
-    every = [plan.latents, plan.path, support, ends]
-    places, name = project_2d(np.concatenate(every), fit=support, seed=job.seed)
-    nodes, path, cloud, both = np.split(places, np.cumsum([len(part) for part in every[:-1]]))
+    support, query = seen.support, seen.query
+    every = [plan.latents, plan.path, support, query.start, query.goal]
+    (nodes, path, cloud, start, goal), name = project_parts(every, fit=support, seed=job.seed)
     inner = np.arange(1, len(plan.path) if DATASET in inputs else 1)
     shown = inner[:: max(1, -(-len(inner) // MOST_FRAMES))]
     picture = PlanPicture(
         nodes_xy=nodes,
         parents=plan.parents,
         path_xy=path,
-        start_xy=both[0],
-        goal_xy=both[1],
+        start_xy=start[0],
+        goal_xy=goal[0],
         support_xy=cloud,
         frames=_frames(job, inputs, plan.rows[shown]),
         path_steps=[int(at) for at in shown],
-        start=frames[0],
-        goal=frames[1],
-        title=title,
+        start=seen.views.start[-1],
+        goal=seen.views.goal[-1],
+        title=f"{run.recipe.config['method']}: {job.env} {seen.title}",
         lines=_captions(plan.figures),
         projection=name,
     )

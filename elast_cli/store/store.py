@@ -47,7 +47,13 @@ from elast_cli.store.run import Run
 
 __all__ = ["LineageNode", "Manifest", "Recipe", "Ref", "Run", "Store", "storage_errors"]
 
-_MAKERS = {"dataset": "collect", "plan": "plan", "eval": "eval", "report": "eval"}
+_MAKERS = {
+    "dataset": "collect",
+    "plan": "plan",
+    "figure": "figure",
+    "eval": "eval",
+    "report": "eval",
+}
 
 
 class Store:

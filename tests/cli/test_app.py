@@ -20,6 +20,7 @@ COMMANDS = [
     *(f"train-{word(kind)}" for kind in PARTS),
     "train-baseline",
     "plan",
+    "figure",
     "eval",
     "run",
 ]

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elast_cli.pictures.plan import PATH, PlanPicture, depths, plan_figure
+from elast_cli.pictures.canvas import PATH
+from elast_cli.pictures.plan import PlanPicture, plan_figure
+from elast_cli.pictures.plane import depths
 from tests.toys.pictures import pixels
 
 
