@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from elast_cli.cli import completion
-from elast_cli.cli.jobs import job_of
+from elast_cli.cli.jobs import job_of, note, unused
 from elast_cli.cli.options import Env, Levels, Lineage, Output, Running, Scenarios, takes
 from elast_cli.cli.output import print_json, print_text
 
@@ -49,7 +49,9 @@ def table(
 
     seeds = training_seeds(scenarios.seeds, lineage.seed)
     names, tasks = stage.methods(methods), stage.environments(envs)
-    jobs = [job_of(env, lineage, running, scenarios.overrides()) for env in tasks]
+    extra = scenarios.overrides()
+    jobs = [job_of(env, lineage, running, extra) for env in tasks]
+    note(jobs[0], unused(lineage, extra, stage.sections(names)))
     every = stage.evaluations(jobs, names, seeds)
     if running.dry_run:
         show_chain(wanted.planned(every), json=running.json)
@@ -87,8 +89,10 @@ def ablate(
 
     variations = sweeps.variations(sweep, vary or [])
     bench = Benchmark.parse(methods, level, scenarios.seeds, lineage.seed, [])
-    job = job_of(env, lineage, running, scenarios.overrides())
+    extra = scenarios.overrides()
+    job = job_of(env, lineage, running, extra)
     bench.having_levels([job])
+    note(job, unused(lineage, extra, bench.sections(make=True)))
     cases = stage.cases(job, bench, variations)
     every = [one for case in cases for one in case.evaluations]
     if running.dry_run:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from elast_cli.config import JsonDict
+
 Changes = Mapping[str, Mapping[str, Any]]  # section -> keys that differ
 
 
@@ -21,7 +23,7 @@ class Ablation(NamedTuple):
     changes: Changes
 
 
-TREES_ALONE = {"follow": "states", "replan_every": 20}
+TREES_ALONE: JsonDict = {"follow": "states", "replan_every": 20}
 ONE_BY_ONE = {"min": 1, "max": 1}
 LITERAL = {
     "batch": ONE_BY_ONE,

@@ -16,7 +16,7 @@ from elast_cli.evaluation.table1 import Costs, Entry
 from elast_cli.methods.table import METHODS
 from elast_cli.models.parts import PARTS
 from elast_cli.stages import wanted
-from elast_cli.stages.benchmark import words
+from elast_cli.stages.benchmark import Benchmark, words
 from elast_cli.stages.earlier import number
 from elast_cli.stages.job import Job
 from elast_cli.stages.wanted import Wanted
@@ -81,6 +81,11 @@ def evaluations(jobs: Sequence[Job], names: Sequence[str], seeds: Sequence[int])
         for name in names
         if name in METHODS
     ]
+
+
+def sections(names: Sequence[str]) -> set[str]:
+    """The sections of a preset that the methods use, training included."""
+    return Benchmark(tuple(name for name in names if name in METHODS), None, ()).sections(make=True)
 
 
 def made(every: Sequence[Wanted], refs: Sequence[Ref | None]) -> Cells:

@@ -8,6 +8,7 @@ import pytest
 
 from elast_cli.errors import ConfigError, UsageError
 from elast_cli.methods.table import METHODS
+from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.stages import train
 from elast_cli.stages.ablate import cases
 from elast_cli.stages.benchmark import Benchmark
@@ -30,12 +31,11 @@ def test_every_sweep_is_valid_for_elast_and_elast_psi(job: Job) -> None:
 
 
 def test_the_sweep_of_p_sparse_keeps_p_goal_and_has_the_preset_in_it(job: Job) -> None:
-    found = [varied(job, "elast", v).config.plain("planner") for v in SWEEPS["p-sparse"]]
-    shares = [planner["sampling"] for planner in found]
-    for share in shares:
-        assert isinstance(share, dict)
-        assert share["p_sparse"] + share["p_uniform"] == pytest.approx(0.98)
-    assert job.config.plain("planner") in found
+    found = [varied(job, "elast", v).config for v in SWEEPS["p-sparse"]]
+    for config in found:
+        sampling = config.section("planner", TreeConfig).sampling
+        assert sampling.p_sparse + sampling.p_uniform == pytest.approx(0.98)
+    assert job.config.plain("planner") in [config.plain("planner") for config in found]
 
 
 def test_switches_that_a_method_lacks_are_left_out(job: Job) -> None:
