@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from elast_cli.config import JsonDict
 from elast_cli.data.dataset import Dataset
 from elast_cli.methods.explain import Explanation, explain_plan
 from elast_cli.methods.table import method_named

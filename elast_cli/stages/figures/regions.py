@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elast_cli.config import JsonDict
 from elast_cli.methods.cem import sampling_planner
 from elast_cli.methods.elast import tree_planner
 from elast_cli.methods.table import method_named
