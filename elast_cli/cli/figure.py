@@ -9,10 +9,25 @@ import typer
 from typer import Option
 
 from elast_cli.cli.jobs import finish, job_of, unused
-from elast_cli.cli.options import Env, Lineage, OneScenario, Running, inputs_of, takes
+from elast_cli.cli.options import MAX_SEED, Env, Lineage, Override, Running, given, inputs_of, takes
 from elast_cli.models.parts import DATASET, PARTS
 
 Inputs: Any = inputs_of([DATASET, *PARTS])
+
+
+@dataclass(frozen=True)
+class OneScenario:
+    """Which scenario is planned."""
+
+    level: Annotated[str | None, Option(help="Level; default: the hardest.")] = None
+    scenario: Annotated[int, Option(min=0, max=100_000, help="Number of the scenario.")] = 0
+    scenario_seed: Annotated[
+        int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
+    ] = None
+
+    def overrides(self) -> list[Override]:
+        """What these flags override."""
+        return given(("--scenario-seed", "eval.scenario_seed", self.scenario_seed))
 
 
 @dataclass(frozen=True)

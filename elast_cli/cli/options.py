@@ -229,21 +229,6 @@ class Evaluating(Scenarios):
 
 
 @dataclass(frozen=True)
-class OneScenario:
-    """Which scenario is planned."""
-
-    level: Annotated[str | None, Option(help="Level; default: the hardest.")] = None
-    scenario: Annotated[int, Option(min=0, max=100_000, help="Number of the scenario.")] = 0
-    scenario_seed: Annotated[
-        int | None, Option(min=0, max=MAX_SEED, help="Seed of the scenarios.")
-    ] = None
-
-    def overrides(self) -> list[Override]:
-        """What these flags override."""
-        return given(("--scenario-seed", "eval.scenario_seed", self.scenario_seed))
-
-
-@dataclass(frozen=True)
 class Searching:
     """Bounds of a tree search."""
 
