@@ -74,4 +74,4 @@ def figure(
     level = one.level or job.task_info.hardest.name
     wanted = stage.recipe_job(job, name, settings, level, one.scenario)
     notes = unused(lineage, extra, ("env", "eval", *stage.sections(name)))
-    finish(wanted, running, notes, stage.document, stage.picture)
+    finish(wanted, running, notes, stage.document, text=stage.picture)

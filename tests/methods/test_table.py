@@ -45,6 +45,7 @@ for base in ("elast", "elast-psi"):
         f"{base}-no-sparse": (base, NO_SPARSE),
         f"{base}-no-ensemble": (base, NO_ENSEMBLE),
     }
+TRAINED = {f"{base}-vae": base for base in ("elast", "elast-psi")}  # with an encoder of their own
 
 
 def leaves(data: dict[str, Any], at: tuple[str, ...] = ()) -> dict[tuple[str, ...], Any]:
@@ -82,11 +83,21 @@ def test_a_variant_differs_from_its_base_in_what_it_says_and_nothing_else(
     assert not METHODS[name].part_changes
 
 
+@pytest.mark.parametrize("name", TRAINED)
+def test_a_vae_differs_from_its_base_in_the_objective_of_the_encoder_alone(
+    name: str, tiny: Preset
+) -> None:
+    own, theirs = (METHODS[method].configure(tiny) for method in (name, TRAINED[name]))
+    encoder = {**theirs.plain("encoder"), "objective": "beta-vae"}
+    assert own.data == {**theirs.data, "encoder": encoder}
+    assert METHODS[name].part_changes == {"encoder": {"objective": "beta-vae"}}
+
+
 def test_the_table_holds_these_methods_and_no_others() -> None:
     rivals = {"cpc-cem", "cpc-icem", "cpc-mppi", "cpc-coll", "cpc-grad", "knn-graph"}
     rivals |= {"planet", "htm"}
     policies = {"cpc-gcbc", "v-gcbc", "cpc-gcidm", "cpc-gciql"}
-    assert set(METHODS) == {"elast", "random", *rivals, *policies, *VARIANTS}
+    assert set(METHODS) == {"elast", "random", *rivals, *policies, *VARIANTS, *TRAINED}
     assert all(method.name == name and method.about for name, method in METHODS.items())
 
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from elast_cli.errors import DataError
 from elast_cli.evaluation.paper import paper_success
-from elast_cli.pictures.page import page
+from elast_cli.pictures.page import film, page
 from elast_cli.stages.page import document
 from elast_cli.store.store import Store
 from tests.toys.pipeline import run_in
@@ -62,7 +63,7 @@ def test_the_page_has_every_evaluation_and_loads_nothing(one: Path, tmp_path: Pa
     assert "script" not in found.tags
     assert found.loaded  # films
     assert all(address.startswith("data:image/") for address in found.loaded)
-    assert "http" not in re.sub(r"data:[^\"]*", "", text)
+    assert not re.search("https?:", re.sub(r"data:[^\"]*", "", text))
     results = json.loads((one / "artifacts/block-s/report/v1/results.json").read_text())
     rates = {r["method"]: r for r in results["overall"] if r["train_seed"] is None}
     rows = {cells[0]: cells for cells in found.cells if cells[0] in rates}
@@ -97,12 +98,16 @@ def test_hostile_texts_are_escaped(one: Path) -> None:
     assert all(address.startswith("data:image/") for address in found.loaded)
 
 
-def test_a_film_that_is_none_is_left_out(one: Path, tmp_path: Path) -> None:
+def test_a_damaged_film_is_no_film(one: Path, tmp_path: Path) -> None:
+    path = tmp_path / "film.gif"
+    path.write_bytes(b"GIF89a, or so it says")
+    with pytest.raises(ValueError, match=r"film\.gif"):
+        film(path)
     shutil.copytree(one, tmp_path / "home")
-    for film in (tmp_path / "home/artifacts/block-s/eval").glob("*/*.gif"):
-        film.write_bytes(b"GIF89a, or so it says")
-    content: dict[str, Any] = document(Store(tmp_path / "home"), [])
-    assert content["tasks"][0]["films"] == []
+    changed = next((tmp_path / "home/artifacts/block-s/eval").glob("*/*.gif"))
+    changed.write_bytes(path.read_bytes())
+    with pytest.raises(DataError, match="bytes, not"):
+        document(Store(tmp_path / "home"), [])
 
 
 @pytest.mark.parametrize(

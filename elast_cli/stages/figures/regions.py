@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import JsonValue
 
 from elast_cli.config import JsonDict
 from elast_cli.methods.cem import sampling_planner
@@ -147,7 +148,7 @@ def _measured(problem: Posed, job: Job, found: Explored) -> Explored:
     return replace(found, figures={**found.figures, **more})
 
 
-def exploration(problem: Posed, job: Job, budgets: list[int], file: Path) -> dict[str, Any]:
+def exploration(problem: Posed, job: Job, budgets: list[int], file: Path) -> JsonDict:
     """Fig. 7: trees beside CEM's rollouts, both with the same numbers of generated states."""
     cem = job.config.section("cem", CemConfig)
     rows: list[list[Explored]] = [[], []]
@@ -160,7 +161,7 @@ def exploration(problem: Posed, job: Job, budgets: list[int], file: Path) -> dic
     return _drawn(problem, job, rows, [_caption_of_budget] * 2, title, file)
 
 
-def sparse(problem: Posed, job: Job, values: list[float], file: Path) -> dict[str, Any]:
+def sparse(problem: Posed, job: Job, values: list[float], file: Path) -> JsonDict:
     """Fig. 9: trees by their bias to sparse nodes, after the same number of iterations."""
     expansions = _tree_config(job).expansions
     row = [by_tree(problem, job, expansions=expansions, p_sparse=value) for value in values]
@@ -175,7 +176,7 @@ def _drawn(
     captions: list[Caption],
     title: str,
     file: Path,
-) -> dict[str, Any]:
+) -> JsonDict:
     """The picture of explored regions, and the numbers behind."""
     support, query = problem.support, problem.query
     found = [region for row in rows for region in row]
@@ -183,14 +184,11 @@ def _drawn(
     for region in found:
         parts += [region.latents, region.path, region.last.reshape(-1, support.shape[1])]
     (cloud, start, goal, *places), name = project_parts(parts, fit=support, seed=job.seed)
+    said = [caption for row, caption in zip(rows, captions, strict=True) for _ in row]
+    xys = zip(places[::3], places[1::3], places[2::3], strict=True)
     drawn = [
-        Region(caption(region.figures), xy, region.parents, path, last, region.last.shape[1])
-        for region, caption, (xy, path, last) in zip(
-            found,
-            [caption for row, caption in zip(rows, captions, strict=True) for _ in row],
-            zip(places[::3], places[1::3], places[2::3], strict=True),
-            strict=True,
-        )
+        Region(caption(one.figures), xy, one.parents, path, last, one.last.shape[1])
+        for one, caption, (xy, path, last) in zip(found, said, xys, strict=True)
     ]
     width = len(rows[0])
     grid = [drawn[at : at + width] for at in range(0, len(drawn), width)]
@@ -199,19 +197,21 @@ def _drawn(
         "projection": name,
         "start_xy": _rounded(start)[0],
         "goal_xy": _rounded(goal)[0],
-        "regions": [
-            {
-                **explored.figures,
-                "xy": _rounded(region.xy),
-                "parents": None if region.parents is None else region.parents.tolist(),
-                "path_xy": _rounded(region.path),
-            }
-            for explored, region in zip(found, drawn, strict=True)
-        ],
+        "regions": [_entry(*pair) for pair in zip(found, drawn, strict=True)],
     }
 
 
-def _rounded(xy: Points) -> list[list[float]]:
+def _entry(explored: Explored, region: Region) -> JsonDict:
+    """The numbers of one panel."""
+    return {
+        **explored.figures,
+        "xy": _rounded(region.xy),
+        "parents": None if region.parents is None else region.parents.tolist(),
+        "path_xy": _rounded(region.path),
+    }
+
+
+def _rounded(xy: Points) -> list[JsonValue]:
     """Points [N,2] to four digits behind the point."""
     return [[round(float(x), 4), round(float(y), 4)] for x, y in xy]
 
