@@ -77,4 +77,4 @@ def _draw(panel: Axes, near: Points, reachable: NDArray[np.bool_]) -> None:
 
 def _mark(panel: Axes, centre: Points) -> None:
     """The chosen state."""
-    panel.scatter(*centre, s=130, color=CHOSEN, edgecolors="white", lw=1.4, zorder=8)
+    panel.scatter(centre[:1], centre[1:], s=130, color=CHOSEN, edgecolors="white", lw=1.4, zorder=8)

@@ -71,7 +71,7 @@ def paths(problem: Problem, job: Job, dataset: Path, file: Path) -> JsonDict:
         "plans": [
             {
                 "method": method,
-                "rejected": steps,
+                "rejected": [*steps],
                 "rows": plan.rows.tolist(),
                 "xy": [[float(x), float(y)] for x, y in xy],
                 "plan": {key: plan.figures[key] for key in ("reached", "steps", "nodes", "path")},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from pydantic import JsonValue
 
 from elast_cli.config import JsonDict
 from elast_cli.errors import UsageError
@@ -96,7 +97,7 @@ def _nearest_state(states: Array, state: list[float]) -> int:
     return _nearest(states, np.array(state, np.float32))
 
 
-def _plain(row: Array) -> list[float]:
+def _plain(row: Array) -> list[JsonValue]:
     return [float(x) for x in row]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import JsonValue
 
 from elast_cli.config import JsonDict
 from elast_cli.methods.cem import sampling_planner
@@ -214,7 +215,7 @@ def _drawn(
     }
 
 
-def _rounded(xy: Points) -> list[list[float]]:
+def _rounded(xy: Points) -> list[JsonValue]:
     """Points [N,2] to four digits behind the point."""
     return [[round(float(x), 4), round(float(y), 4)] for x, y in xy]
 

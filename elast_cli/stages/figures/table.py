@@ -150,7 +150,7 @@ def recipe_job(job: Job, name: str, chosen: Settings, level: str, index: int) ->
     parts = list(dict.fromkeys(kind for entry in entries for kind in entry.parts))
     roles = [DATASET, *parts] if figure.frames else parts
     inputs = resolve(job.of_method(entries[0]), roles)
-    own = {entry.name: entry.settings(job.config) for entry in entries}
+    own: JsonDict = {entry.name: entry.settings(job.config) for entry in entries}
     config: JsonDict = {"figure": name, "settings": chosen, "methods": own, **where}
     recipe = job.recipe(KIND, config, inputs, algorithm_version=ALGORITHM_VERSION)
 
