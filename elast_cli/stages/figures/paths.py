@@ -8,11 +8,13 @@ import numpy as np
 
 from elast_cli.config import JsonDict
 from elast_cli.data.dataset import Dataset
+from elast_cli.data.images import Images
 from elast_cli.methods.explain import Explanation, explain_plan
 from elast_cli.methods.table import method_named
 from elast_cli.methods.thresholds import limits
 from elast_cli.models.tensors import Array
 from elast_cli.pictures.paths import PathPicture, PathsPicture, paths_figure
+from elast_cli.pictures.plane import Points
 from elast_cli.pictures.projection import project_parts
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.stages.collect import DATASET_FILE
@@ -44,17 +46,7 @@ def paths(problem: Problem, job: Job, dataset: Path, file: Path) -> JsonDict:
     parts = [support, query.start, query.goal, *(plan.path for plan in plans)]
     (cloud, start, goal, *lines), name = project_parts(parts, fit=support, seed=job.seed)
     pixels = Dataset.load(dataset / DATASET_FILE).pixels
-    shown = [_shown(plan) for plan in plans]
-    columns = [
-        PathPicture(
-            caption=_caption(method, plan.figures, steps),
-            xy=xy,
-            rejected=steps,
-            steps=[int(step) for step in at],
-            frames=pixels[plan.rows[at]],
-        )
-        for method, plan, steps, xy, at in zip(METHODS, plans, rejected, lines, shown, strict=True)
-    ]
+    columns = [_column(*one, pixels) for one in zip(METHODS, plans, rejected, lines, strict=True)]
     picture = PathsPicture(
         columns,
         cloud,
@@ -68,16 +60,27 @@ def paths(problem: Problem, job: Job, dataset: Path, file: Path) -> JsonDict:
     return {
         "projection": name,
         "min_log_density": float(limit) if np.isfinite(limit) else None,
-        "plans": [
-            {
-                "method": method,
-                "rejected": [*steps],
-                "rows": plan.rows.tolist(),
-                "xy": [[float(x), float(y)] for x, y in xy],
-                "plan": {key: plan.figures[key] for key in ("reached", "steps", "nodes", "path")},
-            }
-            for method, plan, steps, xy in zip(METHODS, plans, rejected, lines, strict=True)
-        ],
+        "plans": [_entry(*one) for one in zip(METHODS, plans, rejected, lines, strict=True)],
+    }
+
+
+def _column(
+    method: str, plan: Explanation, rejected: list[int], xy: Points, pixels: Images
+) -> PathPicture:
+    """One path with its frames."""
+    at = _shown(plan)
+    caption, steps = _caption(method, plan.figures, rejected), [int(step) for step in at]
+    return PathPicture(caption, xy, rejected, steps, pixels[plan.rows[at]])
+
+
+def _entry(method: str, plan: Explanation, rejected: list[int], xy: Points) -> JsonDict:
+    """The numbers of one path."""
+    return {
+        "method": method,
+        "rejected": [*rejected],
+        "rows": plan.rows.tolist(),
+        "xy": [[float(x), float(y)] for x, y in xy],
+        "plan": {key: plan.figures[key] for key in ("reached", "steps", "nodes", "path")},
     }
 
 

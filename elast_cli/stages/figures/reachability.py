@@ -15,7 +15,9 @@ from elast_cli.methods.thresholds import step_length
 from elast_cli.models.tensors import Array
 from elast_cli.pictures.projection import project_parts
 from elast_cli.pictures.reachability import ReachabilityPicture, reachability_figure
+from elast_cli.planners.base import World
 from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.shapes import Float32
 from elast_cli.stages.job import PLANNER, Job
 from elast_cli.stages.problem import Problem
 
@@ -45,23 +47,12 @@ def reachability(
     length = radius * step_length(problem.models, 0.5)
     apart = np.linalg.norm(support - support[chosen], axis=1)
     near = np.flatnonzero((apart <= length) & (np.arange(len(support)) != chosen))
-    world = planner.world(problem.query.context)
-    table = np.concatenate([support[chosen][None], support[near]])
-    features = world.features(table, np.zeros(len(table), np.int64))
-    here, there = np.zeros(len(near), np.int64), np.arange(1, len(table))
-    to = world.log_density(features, here, there)
-    back = world.log_density(features, there, here)
+    to, back = _densities(planner.world(problem.query.context), support[chosen], support[near])
     (cloud,), name = project_parts([support], fit=support, seed=job.seed)
-    picture = ReachabilityPicture(
-        support_xy=cloud,
-        near=near,
-        chosen=chosen,
-        reachable=(to >= limit, back >= limit),
-        title=f"reachability: {job.env}, state {_text(states[chosen])}",
-        note=f"{len(near):,} training states within {radius:g} median steps",
-        projection=name,
-    )
-    reachability_figure(picture, file)
+    title = f"reachability: {job.env}, state {_text(states[chosen])}"
+    note = f"{len(near):,} training states within {radius:g} median steps"
+    answers = to >= limit, back >= limit
+    reachability_figure(ReachabilityPicture(cloud, near, chosen, answers, title, note, name), file)
     return {
         "projection": name,
         "radius": length,
@@ -70,18 +61,33 @@ def reachability(
         "reachable": int((to >= limit).sum()),
         "reaching": int((back >= limit).sum()),
         "states": [
-            {
-                "support": int(row),
-                "state": _plain(states[row]),
-                "distance": float(apart[row]),
-                "xy": _plain(cloud[row]),
-                "log_density_to": float(to[i]),
-                "log_density_from": float(back[i]),
-                "reachable": bool(to[i] >= limit),
-                "reaching": bool(back[i] >= limit),
-            }
+            _entry(int(row), states[row], cloud[row], float(apart[row]))
+            | _answers(float(to[i]), float(back[i]), limit)
             for i, row in enumerate(near)
         ],
+    }
+
+
+def _densities(world: World, one: Float32, others: Float32) -> tuple[Float32, Float32]:
+    """ln p of the transitions from one latent [Z] to others [N,Z], and from them to it [N]."""
+    table = np.concatenate([one[None], others])
+    features = world.features(table, np.zeros(len(table), np.int64))
+    here, there = np.zeros(len(others), np.int64), np.arange(1, len(table))
+    return world.log_density(features, here, there), world.log_density(features, there, here)
+
+
+def _entry(row: int, state: Array, xy: Array, distance: float) -> JsonDict:
+    """A training state near the chosen one: where it is, and how far."""
+    return {"support": row, "state": _plain(state), "distance": distance, "xy": _plain(xy)}
+
+
+def _answers(to: float, back: float, limit: float) -> JsonDict:
+    """What ψ says of the transitions to a state and from it."""
+    return {
+        "log_density_to": to,
+        "log_density_from": back,
+        "reachable": bool(to >= limit),
+        "reaching": bool(back >= limit),
     }
 
 

@@ -187,14 +187,11 @@ def _drawn(
     for region in found:
         parts += [region.latents, region.path, region.last.reshape(-1, support.shape[1])]
     (cloud, start, goal, *places), name = project_parts(parts, fit=support, seed=job.seed)
+    said = [caption for row, caption in zip(rows, captions, strict=True) for _ in row]
+    xys = zip(places[::3], places[1::3], places[2::3], strict=True)
     drawn = [
-        Region(caption(region.figures), xy, region.parents, path, last, region.last.shape[1])
-        for region, caption, (xy, path, last) in zip(
-            found,
-            [caption for row, caption in zip(rows, captions, strict=True) for _ in row],
-            zip(places[::3], places[1::3], places[2::3], strict=True),
-            strict=True,
-        )
+        Region(caption(one.figures), xy, one.parents, path, last, one.last.shape[1])
+        for one, caption, (xy, path, last) in zip(found, said, xys, strict=True)
     ]
     width = len(rows[0])
     grid = [drawn[at : at + width] for at in range(0, len(drawn), width)]
@@ -203,15 +200,17 @@ def _drawn(
         "projection": name,
         "start_xy": _rounded(start)[0],
         "goal_xy": _rounded(goal)[0],
-        "regions": [
-            {
-                **explored.figures,
-                "xy": _rounded(region.xy),
-                "parents": None if region.parents is None else region.parents.tolist(),
-                "path_xy": _rounded(region.path),
-            }
-            for explored, region in zip(found, drawn, strict=True)
-        ],
+        "regions": [_entry(*pair) for pair in zip(found, drawn, strict=True)],
+    }
+
+
+def _entry(explored: Explored, region: Region) -> JsonDict:
+    """The numbers of one panel."""
+    return {
+        **explored.figures,
+        "xy": _rounded(region.xy),
+        "parents": None if region.parents is None else region.parents.tolist(),
+        "path_xy": _rounded(region.path),
     }
 
 
