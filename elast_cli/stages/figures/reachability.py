@@ -17,6 +17,7 @@ from elast_cli.pictures.projection import project_parts
 from elast_cli.pictures.reachability import ReachabilityPicture, reachability_figure
 from elast_cli.planners.base import World
 from elast_cli.planners.tree.config import TreeConfig
+from elast_cli.planners.tree.search import ElastPlanner
 from elast_cli.shapes import Float32
 from elast_cli.stages.job import PLANNER, Job
 from elast_cli.stages.problem import Problem
@@ -37,10 +38,7 @@ def reachability(
     Raises:
         UsageError: the state has another size than the environment's, or the preset has no τ_t.
     """
-    config = method_named("elast").configure(job.config).section(PLANNER, TreeConfig)
-    if config.tests.density_quantile is None:
-        raise UsageError("planner.tests.density_quantile is null: without τ_t ψ rejects nothing")
-    planner = tree_planner(problem.models, config)
+    planner = _planner(problem, job)
     support, limit = problem.support, planner.limits.min_log_density
     states = problem.models.stored("ensemble").arrays["support.states"]
     chosen = _nearest_state(states, state) if state else _nearest(support, problem.query.start[0])
@@ -66,6 +64,14 @@ def reachability(
             for i, row in enumerate(near)
         ],
     }
+
+
+def _planner(problem: Problem, job: Job) -> ElastPlanner:
+    """The planner with its τ_t. Raises UsageError: the preset has none."""
+    config = method_named("elast").configure(job.config).section(PLANNER, TreeConfig)
+    if config.tests.density_quantile is None:
+        raise UsageError("planner.tests.density_quantile is null: without τ_t ψ rejects nothing")
+    return tree_planner(problem.models, config)
 
 
 def _densities(world: World, one: Float32, others: Float32) -> tuple[Float32, Float32]:
