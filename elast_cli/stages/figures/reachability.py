@@ -18,7 +18,7 @@ from elast_cli.pictures.reachability import ReachabilityPicture, reachability_fi
 from elast_cli.planners.base import World
 from elast_cli.planners.tree.config import TreeConfig
 from elast_cli.planners.tree.search import ElastPlanner
-from elast_cli.shapes import Float32
+from elast_cli.shapes import Float32, Int64
 from elast_cli.stages.job import PLANNER, Job
 from elast_cli.stages.problem import Problem
 
@@ -43,14 +43,16 @@ def reachability(
     states = problem.models.stored("ensemble").arrays["support.states"]
     chosen = _nearest_state(states, state) if state else _nearest(support, problem.query.start[0])
     length = radius * step_length(problem.models, 0.5)
-    apart = np.linalg.norm(support - support[chosen], axis=1)
-    near = np.flatnonzero((apart <= length) & (np.arange(len(support)) != chosen))
+    near, apart = _within(support, chosen, length)
     to, back = _densities(planner.world(problem.query.context), support[chosen], support[near])
     (cloud,), name = project_parts([support], fit=support, seed=job.seed)
-    title = f"reachability: {job.env}, state {_text(states[chosen])}"
-    note = f"{len(near):,} training states within {radius:g} median steps"
-    answers = to >= limit, back >= limit
-    reachability_figure(ReachabilityPicture(cloud, near, chosen, answers, title, note, name), file)
+    picture = ReachabilityPicture(
+        *(cloud, near, chosen, (to >= limit, back >= limit)),
+        title=f"reachability: {job.env}, state {_text(states[chosen])}",
+        note=f"{len(near):,} training states within {radius:g} median steps",
+        projection=name,
+    )
+    reachability_figure(picture, file)
     return {
         "projection": name,
         "radius": length,
@@ -59,9 +61,8 @@ def reachability(
         "reachable": int((to >= limit).sum()),
         "reaching": int((back >= limit).sum()),
         "states": [
-            _entry(int(row), states[row], cloud[row], float(apart[row]))
-            | _answers(float(to[i]), float(back[i]), limit)
-            for i, row in enumerate(near)
+            _entry(int(row), states[row], cloud[row], float(apart[row])) | answer
+            for row, answer in zip(near, _answers(to, back, limit), strict=True)
         ],
     }
 
@@ -72,6 +73,12 @@ def _planner(problem: Problem, job: Job) -> ElastPlanner:
     if config.tests.density_quantile is None:
         raise UsageError("planner.tests.density_quantile is null: without τ_t ψ rejects nothing")
     return tree_planner(problem.models, config)
+
+
+def _within(support: Array, chosen: int, length: float) -> tuple[Int64, Float32]:
+    """Indices [K] of the others within a length of one latent, and distances of all to it [N]."""
+    apart: Float32 = np.linalg.norm(support - support[chosen], axis=1)
+    return np.flatnonzero((apart <= length) & (np.arange(len(support)) != chosen)), apart
 
 
 def _densities(world: World, one: Float32, others: Float32) -> tuple[Float32, Float32]:
@@ -87,14 +94,17 @@ def _entry(row: int, state: Array, xy: Array, distance: float) -> JsonDict:
     return {"support": row, "state": _plain(state), "distance": distance, "xy": _plain(xy)}
 
 
-def _answers(to: float, back: float, limit: float) -> JsonDict:
-    """What ψ says of the transitions to a state and from it."""
-    return {
-        "log_density_to": to,
-        "log_density_from": back,
-        "reachable": bool(to >= limit),
-        "reaching": bool(back >= limit),
-    }
+def _answers(to: Float32, back: Float32, limit: float) -> list[JsonDict]:
+    """What ψ says of the transitions to states and from them [N]."""
+    return [
+        {
+            "log_density_to": float(there),
+            "log_density_from": float(here),
+            "reachable": bool(there >= limit),
+            "reaching": bool(here >= limit),
+        }
+        for there, here in zip(to, back, strict=True)
+    ]
 
 
 def _nearest(rows: Array, to: Array) -> int:
