@@ -46,20 +46,17 @@ def reachability(
     near, apart = _within(support, chosen, length)
     to, back = _densities(planner.world(problem.query.context), support[chosen], support[near])
     (cloud,), name = project_parts([support], fit=support, seed=job.seed)
-    picture = ReachabilityPicture(
-        *(cloud, near, chosen, (to >= limit, back >= limit)),
-        title=f"reachability: {job.env}, state {_text(states[chosen])}",
-        note=f"{len(near):,} training states within {radius:g} median steps",
-        projection=name,
-    )
-    reachability_figure(picture, file)
+    title = f"reachability: {job.env}, state {_text(states[chosen])}"
+    note = f"{len(near):,} training states within {radius:g} median steps"
+    both = to >= limit, back >= limit
+    reachability_figure(ReachabilityPicture(cloud, near, chosen, both, title, note, name), file)
     return {
         "projection": name,
         "radius": length,
         "min_log_density": float(limit),
         "chosen": {"support": int(chosen), "state": _plain(states[chosen])},
-        "reachable": int((to >= limit).sum()),
-        "reaching": int((back >= limit).sum()),
+        "reachable": int(both[0].sum()),
+        "reaching": int(both[1].sum()),
         "states": [
             _entry(int(row), states[row], cloud[row], float(apart[row])) | answer
             for row, answer in zip(near, _answers(to, back, limit), strict=True)
