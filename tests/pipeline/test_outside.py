@@ -12,7 +12,7 @@ from elast_cli.store.manifest import Ref
 from elast_cli.store.store import Store
 from tests.toys.command_line import TINY
 from tests.toys.outside import ID, NAME
-from tests.toys.pipeline import run_in
+from tests.toys.pipeline import MEASURED, run_in
 
 WORDS = [
     *("run", "--env", ID, "--preset", "quick", "--methods", "elast,random", "--episodes", "3"),
@@ -47,7 +47,7 @@ def test_the_whole_chain_gives_the_same_for_any_number_of_workers(
 def _episodes(home: Path) -> list[dict[str, object]]:
     path = home / "artifacts" / NAME / "report/v1/results.json"
     rows = json.loads(path.read_text())["per_episode"]
-    return [{k: v for k, v in row.items() if not k.endswith("plan_s")} for row in rows]
+    return [{k: v for k, v in row.items() if not k.endswith(MEASURED)} for row in rows]
 
 
 def test_episodes_that_end_early_are_shorter(homes: tuple[Path, Path]) -> None:
