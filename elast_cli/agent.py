@@ -64,7 +64,13 @@ class Agent:
     """
 
     def __init__(self, ready: sharing.Ready, *, device: str = "cpu", threads: int = 1) -> None:
-        """Build the method; `load` does this."""
+        """Build the method; `load` does this.
+
+        Args:
+            ready: a method, its parts and its settings.
+            device: "cpu" or "cuda".
+            threads: of torch.
+        """
         self.contents = ready.contents
         self.method = ready.method.name
         self._models = Models(ready.folders, device, threads)

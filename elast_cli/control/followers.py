@@ -124,7 +124,10 @@ class PaceStates:
     def act(
         self, route: Route, z: Float32, goal: Float32, context: Float32
     ) -> tuple[Float32, Route]:
-        """Actions [B,A] towards each row's waypoint."""
+        """Actions [B,A] towards each row's waypoint.
+
+        Arguments as in `Follower.act`.
+        """
         at = np.minimum(1 + route.progress // self.steps, route.length - 1)
         target = route.states[np.arange(len(z)), at]
         after = replace(route, progress=route.progress + 1, aim=target)

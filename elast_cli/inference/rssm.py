@@ -34,7 +34,13 @@ class BeliefFilter:
     def update(
         self, state: Float32 | None, frames: Uint8, last_action: Float32 | None
     ) -> tuple[Float32, Float32]:
-        """Beliefs [B,S+D] after frames [B,F,64,64,3]; they are the state of the next step."""
+        """Beliefs f32 [B,S+D], which are also the state of the next step.
+
+        Args:
+            state: beliefs f32 [B,S+D] before the last action; None at the start of an episode.
+            frames: the latest stacks u8 [B,F,64,64,3].
+            last_action: what was done since f32 [B,A]; None at the start.
+        """
         if state is None or last_action is None:
             found = self._at_rest(frames)
         else:

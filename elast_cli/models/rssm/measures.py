@@ -52,7 +52,14 @@ def measured(
 def filtered_means(
     model: Rssm, data: SequenceData, dataset: Dataset, episodes: Int64
 ) -> tuple[Float32, Int64]:
-    """Means of the posterior [M,S] at some rows [M], all frames of some of these episodes."""
+    """Means of the posterior f32 [M,S] at rows i64 [M]: all frames of some of these episodes.
+
+    Args:
+        model: filters the frames.
+        data: sequences of the dataset.
+        dataset: whose episodes they are.
+        episodes: to choose from, i64 [E].
+    """
     length = min(LONGEST, int(dataset.ep_len[episodes].max()))
     some = thinned(episodes, max(1, 4 * PROBE_ROWS // length))
     means, rows = [], []

@@ -71,7 +71,13 @@ class Rssm(nn.Module):
         )
 
     def advanced(self, state: Tensor, belief: Tensor, action: Tensor) -> Tensor:
-        """The next h [M,D] from s [M,S], h [M,D] and a [M,A]."""
+        """The next h, f32 [M,D].
+
+        Args:
+            state: s, f32 [M,S].
+            belief: h, f32 [M,D].
+            action: f32 [M,A].
+        """
         entered = torch.relu(self.enter(torch.cat([state, action], dim=1)))
         found: Tensor = self.cell(entered, belief)
         return found.float()

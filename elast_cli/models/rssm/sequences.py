@@ -41,7 +41,13 @@ class SequenceData:
     def take(
         self, first: Int64, length: int, generator: torch.Generator | None = None
     ) -> Sequences:
-        """Sequences of `length` frames from rows [B] on; a generator adds noise to the images."""
+        """Sequences of `length` frames.
+
+        Args:
+            first: rows of their first frames, i64 [B].
+            length: frames of a sequence.
+            generator: adds noise below a grey level of five bits to the images; None: no noise.
+        """
         rows, known = self.rows(first, length)
         device = self._setting.device
         index = torch.from_numpy(rows).to(device)
@@ -55,6 +61,14 @@ def sequence_starts(dataset: Dataset, episodes: Int64, length: int) -> Int64:
     """First rows of all sequences of `length` frames in some episodes.
 
     An episode that is shorter has one sequence, from its first row on.
+
+    Args:
+        dataset: with the episodes.
+        episodes: numbers of some of them, i64 [E].
+        length: frames of a sequence.
+
+    Returns:
+        Rows i64 [M].
     """
     rows = [
         dataset.ep_offset[e] + np.arange(max(1, dataset.ep_len[e] - length + 1)) for e in episodes

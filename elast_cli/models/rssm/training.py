@@ -27,7 +27,13 @@ TOGETHER = 16  # sequences that are validated at once
 
 
 def train(inputs: Inputs, section: RssmSection, setting: Setting) -> Trained:
-    """The model, trained on sequences of episodes and measured on others."""
+    """The model, trained on sequences of episodes and measured on others.
+
+    Args:
+        inputs: the dataset.
+        section: configuration.
+        setting: seed, device, folder, memory.
+    """
     seed_torch(setting.seed, KIND)
     dataset = inputs.dataset
     spec = RssmSpec(net=section.net, action=dataset.action.shape[1])
