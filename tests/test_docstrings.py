@@ -21,13 +21,9 @@ UNFINISHED = (  # where functions still lack `Args:`; this list only shrinks
     "envs/simulated.py",
     "evaluation",
     "files.py",
-    "inference/hallucination.py",
     "methods",
-    "models/cvae",
     "models/encoder",
-    "models/htm",
     "pictures",
-    "planners/hallucination",
     "progress.py",
     "stages",
 )

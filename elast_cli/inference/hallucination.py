@@ -40,7 +40,13 @@ class Hallucination:
     def update(
         self, state: Uint8 | None, frames: Uint8, last_action: Float32 | None
     ) -> tuple[Float32, Uint8 | None]:
-        """Embeddings [B,2Z] of the last of frames [B,F,64,64,3], whatever was done before."""
+        """Embeddings f32 [B,2Z] of the last frames, whatever was done before.
+
+        Args:
+            state: context images u8 [B,64,64,3], or None where there are none.
+            frames: stacks u8 [B,F,64,64,3].
+            last_action: f32 [B,A]; not used.
+        """
         return self._seen(frames, state), state
 
     def contexts(self, images: Uint8 | None, rows: int) -> Float32:
@@ -54,7 +60,13 @@ class Hallucination:
 
     @torch.inference_mode()
     def nodes(self, context: Float32, seed: int, count: int) -> Float32:
-        """Embeddings [N,2Z] of as many images, generated in a context [C]."""
+        """Embeddings f32 [N,2Z] of generated images.
+
+        Args:
+            context: the pooled context image f32 [C].
+            seed: of their latents.
+            count: how many, N.
+        """
         shown = self._context(context)
         found = [
             self._embedded(images, shown.expand(len(images), -1, -1, -1))
@@ -64,7 +76,10 @@ class Hallucination:
 
     @torch.inference_mode()
     def pictures(self, context: Float32, seed: int, count: int) -> Uint8:
-        """The images that `nodes` embeds, u8 [N,S,S,3]."""
+        """The images that `nodes` embeds, u8 [N,S,S,3].
+
+        Arguments as in `Hallucination.nodes`.
+        """
         return as_bytes(self._generated(self._context(context), seed, count))
 
     @torch.inference_mode()
@@ -76,7 +91,13 @@ class Hallucination:
 
     @torch.inference_mode()
     def act(self, z: Float32, z_next: Float32, context: Float32) -> Float32:
-        """The inverse model's actions [B,A] from embeddings [B,2Z] to embeddings [B,2Z]."""
+        """The inverse model's actions f32 [B,A].
+
+        Args:
+            z: embeddings of the images before, f32 [B,2Z].
+            z_next: of those after, f32 [B,2Z].
+            context: f32 [B,C]; not used, since embeddings know it.
+        """
         ends = (torch.from_numpy(x[:, self._latent :]).to(self._device) for x in (z, z_next))
         rows = zip(*(end.split(1) for end in ends), strict=True)
         found: Float32 = torch.cat([self._htm.inverse(*row) for row in rows]).cpu().numpy()

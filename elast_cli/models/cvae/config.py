@@ -113,7 +113,13 @@ def images_seen(*, has_context: bool) -> int:
 
 
 def embedding(at: str, net: CvaeConfig, images: int) -> Wanted:
-    """The tensors of an `Embedding` of so many images."""
+    """The tensors of an `Embedding`.
+
+    Args:
+        at: prefix of their names.
+        net: shape of the networks.
+        images: seen beside each other as channels.
+    """
     widths = [3 * images, *net.conv_channels]
     found = normalization(f"{at}.body.0", widths[0])
     for i, (inner, outer) in enumerate(pairwise(widths)):
@@ -124,7 +130,13 @@ def embedding(at: str, net: CvaeConfig, images: int) -> Wanted:
 
 
 def gaussian(at: str, net: CvaeConfig, images: int) -> Wanted:
-    """The tensors of a `GaussianEncoder` of so many images."""
+    """The tensors of a `GaussianEncoder`.
+
+    Args:
+        at: prefix of their names.
+        net: shape of the networks.
+        images: seen beside each other as channels.
+    """
     return embedding(at, net, images) | _head(f"{at}.log_variance", net)
 
 

@@ -30,7 +30,13 @@ class ImagePairs:
 
     @classmethod
     def of(cls, dataset: Dataset, net: Pooling, setting: Setting) -> ImagePairs:
-        """Those of a dataset, pooled as `net` takes them."""
+        """Those of a dataset.
+
+        Args:
+            dataset: with frames u8 [N,64,64,3], and context images where there are any.
+            net: says how they are pooled.
+            setting: device, folder, and the memory that images may use.
+        """
         images = dataset.context
         contexts = None if images is None else image_features(images, net, setting)
         return cls(image_features(dataset.pixels, net, setting), contexts, dataset.episode)

@@ -28,7 +28,13 @@ CHUNK = 64  # images at once
 
 
 def train(inputs: Inputs, section: CvaeSection, setting: Setting) -> Trained:
-    """The autoencoder, trained on single frames and, where there are any, context images."""
+    """The autoencoder, trained on single frames and, where there are any, context images.
+
+    Args:
+        inputs: the dataset.
+        section: configuration.
+        setting: seed, device, folder, memory.
+    """
     seed_torch(setting.seed, KIND)
     dataset = inputs.dataset
     spec = CvaeSpec(net=section.net, has_context=dataset.context is not None)
@@ -72,10 +78,15 @@ def evaluating(model: nn.Module) -> Iterator[None]:
 
 
 def held_out_loss(model: Cvae, pairs: ImagePairs, rows: Int64) -> dict[str, float]:
-    """Mean parts of the objective at `rows` [M], decoded from mean latents, and the error.
+    """Mean parts of the objective, decoded from mean latents, and the error.
 
     `rmse` is in grey levels of 0 to 255. `bce_excess` is what the cross-entropy has above its least
     value, that of a perfect reconstruction.
+
+    Args:
+        model: the autoencoder.
+        pairs: images and their contexts.
+        rows: of held-out images, i64 [M].
     """
     found: list[Tensor] = []
     with evaluating(model):

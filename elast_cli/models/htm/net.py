@@ -19,6 +19,13 @@ class Score(nn.Module):
     """s(o, o') = e(o)ᵀ W e(o') / scale: log density ratio of o' after o, up to a constant."""
 
     def __init__(self, config: HtmConfig, cvae: CvaeConfig, images: int) -> None:
+        """Untrained.
+
+        Args:
+            config: the score's scale.
+            cvae: shape of its encoder.
+            images: seen beside each other as channels.
+        """
         super().__init__()
         self.scale = config.score_scale
         self.encoder = Embedding(cvae, images)
@@ -37,6 +44,14 @@ class InverseModel(nn.Module):
     """The action in [-1, 1]^A that leads from one image to the next."""
 
     def __init__(self, config: HtmConfig, cvae: CvaeConfig, images: int, action: int) -> None:
+        """Untrained.
+
+        Args:
+            config: hidden layers.
+            cvae: shape of its encoder.
+            images: seen beside each other as channels.
+            action: numbers of an action, A.
+        """
         super().__init__()
         self.encoder = Embedding(cvae, images)
         widths = config.layers(cvae.latent_size)
@@ -57,6 +72,14 @@ class Htm(nn.Module):
     def __init__(
         self, config: HtmConfig, cvae: CvaeConfig, action: int, *, has_context: bool
     ) -> None:
+        """Untrained.
+
+        Args:
+            config: shape of both networks.
+            cvae: shape of their encoders.
+            action: numbers of an action, A.
+            has_context: whether each image comes with its context image.
+        """
         super().__init__()
         images = images_seen(has_context=has_context)
         self.action_size = action

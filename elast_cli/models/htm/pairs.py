@@ -72,7 +72,13 @@ class PairSource:
 
     @torch.no_grad()
     def batch(self, starts: Int64, rng: np.random.Generator, size: int) -> Pairs:
-        """A batch of pairs, with reconstructions and negatives."""
+        """A batch of pairs, with reconstructions and negatives.
+
+        Args:
+            starts: rows that may begin a pair, i64 [N].
+            rng: draws pairs, distances and noise.
+            size: pairs of the batch, about; see `rows`.
+        """
         rows, groups = self.rows(starts, rng, size)
         after = rows + rng.integers(1, self.config.ahead + 1, size=len(rows))
         images, context = self.pairs.take(np.concatenate([rows, after]))

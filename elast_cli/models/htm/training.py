@@ -29,7 +29,7 @@ MEASURED = 16  # and at the end
 
 
 def train(inputs: Inputs, section: HtmSection, setting: Setting) -> Trained:
-    """Both networks, trained together and independently of each other.
+    """Both networks, trained together. Arguments as in `cvae.training.train`.
 
     Raises:
         DataError: no episode is as long as the pairs are apart.

@@ -23,7 +23,13 @@ class Imagination(Protocol):
     action_size: int
 
     def nodes(self, context: Float32, seed: int, count: int) -> Float32:
-        """As many images [N,Z], generated in a context [C]."""
+        """Generated images f32 [N,Z].
+
+        Args:
+            context: f32 [C].
+            seed: of the images.
+            count: how many, N.
+        """
         ...
 
     def scores(self, z: Float32, z_next: Float32) -> Float32:
@@ -44,7 +50,13 @@ def edge_weights(scores: Float32) -> Float64:
 
 
 def shortest_path(weights: Float64, start: int, goal: int) -> list[int]:
-    """Nodes from `start` to `goal`, both included; weights [N,N], where 0 joins nothing."""
+    """Nodes from `start` to `goal`, both included.
+
+    Args:
+        weights: of the edges, f64 [N,N]; 0 joins nothing.
+        start: first node.
+        goal: last node.
+    """
     _, before = dijkstra(weights, indices=start, return_predecessors=True)
     path = [goal]
     while path[-1] != start:
@@ -100,7 +112,13 @@ class HallucinationPlanner:
         )
 
     def graph(self, query: Query, row: int, cost: PlanCost) -> ImageGraph:
-        """The graph of a row: that of its plan before, or a new one."""
+        """The graph of a row: that of its plan before, or a new one.
+
+        Args:
+            query: with contexts, seeds and what is remembered.
+            row: of the query.
+            cost: to which scored pairs are added.
+        """
         kept = query.memory[row] if query.memory else None
         if isinstance(kept, ImageGraph):
             return kept
@@ -111,7 +129,14 @@ class HallucinationPlanner:
         return ImageGraph(nodes, edge_weights(self.imagination.scores(nodes, nodes)))
 
     def route(self, graph: ImageGraph, query: Query, row: int, cost: PlanCost) -> Route:
-        """The path of a row on its graph."""
+        """The path of a row on its graph.
+
+        Args:
+            graph: images and weights of their edges.
+            query: with start and goal.
+            row: of the query.
+            cost: to which scored pairs are added.
+        """
         nodes, score = graph.nodes, self.imagination.scores
         start, goal = query.start[row : row + 1], query.goal[row : row + 1]
         towards = self.config.localize_goal == "to-goal"
